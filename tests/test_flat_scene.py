@@ -62,6 +62,11 @@ def test_the_description_has_all_that_the_renderer_draws(message):
         lambda scene: scene["arrays"].update(more=scene["arrays"]["uvs"]),
         lambda scene: scene["arrays"]["reflecting"].update(count=60),
         lambda scene: scene["arrays"]["reflecting_texels"].update(count=2**24),
+        lambda scene: scene["arrays"]["surfels"].update(count=24),
+        lambda scene: scene["arrays"]["surfels"].update(count=16 * 5000),
+        lambda scene: scene["arrays"]["vertex_surfels"].update(count=4),
+        lambda scene: scene["arrays"].pop("surfel_weights"),
+        lambda scene: scene["meshes"][0].update(back=2**16),
         lambda scene: scene["meshes"][0]["indices"].update(count=2**24),
         lambda scene: scene["meshes"][0]["vertices"].update(first=2**24),
         lambda scene: scene["meshes"][0].update(material=99),
@@ -99,6 +104,18 @@ def test_indices_of_vertices_that_there_are_not_are_refused(message, name):
     damaged = data.copy()
     damaged[span["offset"] + 4 : span["offset"] + 8] = 255
     with pytest.raises(ValueError, match="an index beyond"):
+        scene_files(header, description, damaged)
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "fault"), [("surfels", 12, "a surfel without its mesh"), ("vertex_surfels", 0, "a vertex among surfels")]
+)
+def test_surfels_that_there_are_not_are_refused(message, name, at, fault):
+    header, (description, data) = message
+    span = json.loads(description.tobytes())["arrays"][name]
+    damaged = data.copy()
+    damaged[span["offset"] + at : span["offset"] + at + 4] = 127
+    with pytest.raises(ValueError, match=fault):
         scene_files(header, description, damaged)
 
 

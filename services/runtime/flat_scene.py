@@ -15,10 +15,12 @@ from vemlight.runtime.poses import MAX_POSES, Pose, View
 from vemlight.runtime.wire_fields import Finite, Side
 
 MAX_DATA = 48 * 2**20  # bytes: what a phone's browser holds twice; a part of a message has 64 MB at most. 16 to 60 MB would do
-MAX_DESCRIPTION = 2**22  # bytes: 4096 meshes with their casters have half of it, the shaders 60 kB
+MAX_DESCRIPTION = 2**22  # bytes: 4096 meshes with their casters have half of it, the shaders 150 kB
 ALIGNED = 4
 MAX_MESHES, MAX_TEXTURES, MAX_VIEWS = 4096, 1000, 32
 MAX_HALVINGS = 16  # of shadow maps: from 65,536 texels a side to one. A page counts them for each light
+SURFEL_SIDE = 64  # of the square texture of surfels
+MAX_SURFELS, SURFEL_NUMBERS, SURFELS_A_VERTEX = SURFEL_SIDE**2, 16, 4  # 256 kB; a vertex has 12 bytes to say between which it lies
 REFLECTING_NUMBERS = 20  # of a mesh in `reflecting`: five texels
 ITEM_BYTES = {"float32": 4, "uint32": 4, "uint8": 1}
 
@@ -58,13 +60,15 @@ class FlatRange(Flat, frozen=True):
 
 
 class FlatMesh(Flat, frozen=True):
-    """A mesh: the object that it is part of, its vertices, its indices (of these vertices, from 0 on) and its material."""
+    """A mesh: the object that it is part of, its vertices, its indices (of these vertices, from 0 on), its material.
+    back: by how much the number of a surfel on its back is more than of that on its front; 0: it has no back."""
 
     name: Short
     object: Annotated[int, Meta(ge=0, lt=MAX_POSES)] | None
     vertices: FlatRange
     indices: FlatRange
     material: Index
+    back: Annotated[int, Meta(ge=0, le=MAX_SURFELS)] = 0
 
 
 class FlatTexture(Flat, frozen=True):
@@ -124,8 +128,10 @@ class FlatScene(Flat, frozen=True):
     """The description. arrays: `positions`, `normals` (3 a vertex), `uvs` (2), `colours` (4) and `second_uvs` (2) where a mesh has them,
     `indices`, `caster_positions`, `caster_indices`, and `lobe_albedo` (2 an entry) where something is glossy. What rays find, as
     vemlight.renderer.browser.reflecting_rows has it: `reflecting` (REFLECTING_NUMBERS a mesh), `reflecting_texels` (4), and `colour_uvs`
-    and `emission_uvs` (2 a vertex) where they are not `uvs`. laws: the renderer's constants by name. shaders: GLSL ES 3.00 by file name;
-    what a variant defines comes after the first line. left_out: what the server's picture has and these do not, a line each.
+    and `emission_uvs` (2 a vertex) where they are not `uvs`. Where a browser draws a bounce, as vemlight.renderer.browser.surfels has it:
+    `surfels` (SURFEL_NUMBERS each), `vertex_surfels` (two of 16 bits each, 2 a vertex) and `surfel_weights` (4 a vertex). laws: the
+    renderer's constants by name. shaders: GLSL ES 3.00 by file name; what a variant defines comes after the first line. left_out: what the
+    server's picture has and these do not, a line each.
     """
 
     version: Literal[1]
@@ -148,7 +154,8 @@ class FlatScene(Flat, frozen=True):
 NUMBERS_A_VERTEX = {"positions": 3, "normals": 3, "uvs": 2, "colours": 4, "second_uvs": 2, "colour_uvs": 2, "emission_uvs": 2}
 NEEDED = ("positions", "normals", "uvs", "indices", "caster_positions", "caster_indices", "reflecting", "reflecting_texels")
 TYPES = {name: "uint32" if "indices" in name else "float32" for name in (*NEEDED, *NUMBERS_A_VERTEX, "lobe_albedo")}
-TYPES["reflecting_texels"] = "uint8"
+TYPES |= {"reflecting_texels": "uint8", "surfels": "float32", "vertex_surfels": "uint32", "surfel_weights": "uint8"}
+BOUNCE = ("surfels", "vertex_surfels", "surfel_weights")  # all or none
 
 
 def encoded(scene: FlatScene) -> bytes:
@@ -186,6 +193,13 @@ def check_indices(scene: FlatScene, data: np.ndarray) -> None:
     for mesh in scene.meshes:
         own = arrays["indices"][mesh.indices.first : mesh.indices.first + mesh.indices.count]
         _check(own.max(initial=0) < max(mesh.vertices.count, 1), "an index beyond its mesh's vertices")
+    if "surfels" in scene.arrays:
+        span, numbers = scene.arrays["surfels"], arrays["vertex_surfels"].view("<u2").reshape(-1, SURFELS_A_VERTEX)
+        rows = data[span.offset : span.end].view("<f4").reshape(-1, SURFEL_NUMBERS)
+        _check(bool(np.isin(rows[:, 3], np.arange(len(scene.meshes))).all()), "a surfel without its mesh")
+        for mesh in scene.meshes:
+            own = numbers[mesh.vertices.first : mesh.vertices.first + mesh.vertices.count]
+            _check(int(own.max(initial=0)) + mesh.back < max(len(rows), 1), "a vertex among surfels that there are not")
     casters = scene.arrays["caster_positions"].count // 3
     _check(arrays["caster_indices"].max(initial=0) < max(casters, 1), "an index beyond the casters' vertices")
 
@@ -198,10 +212,20 @@ def _check_arrays(scene: FlatScene, data_bytes: int) -> None:
     for name, numbers in NUMBERS_A_VERTEX.items():
         _check(name not in scene.arrays or scene.arrays[name].count == numbers * vertices, f"{name} of another number of vertices")
     _check(scene.arrays["reflecting"].count == REFLECTING_NUMBERS * len(scene.meshes), "what rays find of another number of meshes")
+    _check_surfels(scene, vertices)
     _check(scene.arrays["reflecting_texels"].count % 4 == 0, "texels that are not whole")
     for texture in scene.textures:
         fits = texture.texels.type == "uint8" and texture.texels.count == 4 * texture.width * texture.height
         _check(fits and texture.texels.end <= data_bytes, "a texture beyond the block")
+
+
+def _check_surfels(scene: FlatScene, vertices: int) -> None:
+    if not any(name in scene.arrays for name in BOUNCE):
+        return
+    _check(all(name in scene.arrays for name in BOUNCE), "surfels without their vertices")
+    surfels, of_vertices, weights = (scene.arrays[name].count for name in BOUNCE)
+    _check(surfels % SURFEL_NUMBERS == 0 and surfels <= SURFEL_NUMBERS * MAX_SURFELS, "surfels that are not whole, or too many")
+    _check(of_vertices == 2 * vertices and weights == SURFELS_A_VERTEX * vertices, "surfels of another number of vertices")
 
 
 def _check(right: bool, fault: str) -> None:

@@ -15,11 +15,13 @@ from vemlight.renderer.gl.constants import GUTTER, NORMAL_CODES
 from vemlight.renderer.gl.programs import SHADERS
 from vemlight.renderer.rays.mirror import MOST, ray_pattern
 from vemlight.renderer.rays.soft_filter import REACH, SAME_PLANE
+from vemlight.runtime.flat_scene import SURFEL_SIDE
 
 BROWSER_SHADERS = (
     "surface.vert", "surface.frag", "shadow.vert", "shadow.frag", "shadow_alpha_test.frag", "screen.vert", "shade.frag", "emission.frag",
     "background.frag", "prefilter.frag", "gloss.frag", "tonemap.frag", "near_light_map.vert", "near_light_map.frag", "near_lights.frag",
     "mirror_rays.frag", "mirror_filter.frag", "mirrors.frag",
+    "surfel_links.frag", "surfel_gather.frag", "surfel_bounce.frag",
 )  # fmt: skip
 # Those that no other dialect needs, where a processor follows the rays, lie beside this file.
 FILES = SHADERS | {path.name: path for path in Path(__file__).parent.iterdir() if path.suffix in (".glsl", ".frag", ".vert")}
@@ -29,6 +31,12 @@ PRECISION = "".join(f"precision highp {kind};\n" for kind in ("float", "int", "s
 AS_FRACTIONS = {"GUTTER": GUTTER, "NORMAL_CODES": NORMAL_CODES}  # whole numbers with which shaders reckon
 LIGHT_TEXELS = LIGHT_FRAME.dtype.itemsize // 16  # of a light in the texture, one light a row
 NEAR_VIEW_TEXELS = NEAR_SHADOW_VIEW.dtype.itemsize // 16  # likewise of a shadow view
+SURFEL_RAYS = 32  # of each surfel: the four about a vertex have 128, twice the renderer's of a block of pixels
+MOST_INSIDE = 0.25  # of a surfel's rays that meet the inner side of closed meshes; more: it lies within one. 0.1 to 0.5 would do
+SURFEL_LAWS = (
+    f"#define SURFEL_SIDE {SURFEL_SIDE}\n#define SURFEL_RAYS {SURFEL_RAYS}\n"
+    f"const float SEES_SKY = -1.0, SEES_INSIDE = -2.0, MOST_INSIDE = {MOST_INSIDE!r};\n"
+)
 INCLUDE = re.compile(r'^#include "([\w.]+)"$', re.MULTILINE)
 STORED_VIEWS = re.compile(r"layout\(std140, binding = \d\) readonly buffer \w+ \{ NearShadowView (\w+)\[\]; \};\n")
 LIGHTS_BLOCK = "layout(std140) uniform Lights { LightFrame lights[MAX_LIGHTS]; };\n"
@@ -41,7 +49,7 @@ def browser_shaders() -> dict[str, str]:
 
 def es_source(source: str) -> str:
     """A shader of the renderer as GLSL ES 3.00. Raises KeyError for an include that there is not."""
-    files = INCLUDES | {"mirror_laws.glsl": mirror_laws()}
+    files = INCLUDES | {"mirror_laws.glsl": mirror_laws(), "surfel_laws.glsl": SURFEL_LAWS}
     files |= {name: path.read_text() for name, path in FILES.items() if path.suffix == ".glsl"}
     while INCLUDE.search(source):
         source = INCLUDE.sub(lambda found: files[found[1]], source)

@@ -9,8 +9,9 @@ import numpy as np
 from vemlight import settings
 from vemlight.light import extent, reflected_light
 from vemlight.light.colour import srgb_from_linear
-from vemlight.renderer.browser.es_shaders import LIGHT_TEXELS, NEAR_VIEW_TEXELS, browser_shaders
+from vemlight.renderer.browser.es_shaders import LIGHT_TEXELS, NEAR_VIEW_TEXELS, SURFEL_RAYS, browser_shaders
 from vemlight.renderer.browser.reflecting_rows import reflecting_rows
+from vemlight.renderer.browser.surfels import MOST_RAY_TRIANGLES, SURFEL_LIFT, fine_enough, seen_from, surfels
 from vemlight.renderer.gl import constants
 from vemlight.renderer.gl.buffers import LIGHT_FRAME, NEAR_LIGHT, NEAR_SHADOW_VIEW
 from vemlight.renderer.gl.constants import HASHED_ALPHA, MaterialKind, MaterialTexture
@@ -31,6 +32,7 @@ from vemlight.runtime import flat_scene, wire
 from vemlight.runtime.flat_scene import (
     ALIGNED,
     MAX_DATA,
+    SURFEL_SIDE,
     FlatCaster,
     FlatCasters,
     FlatDetail,
@@ -44,7 +46,6 @@ from vemlight.runtime.flat_scene import (
 )
 from vemlight.runtime.poses import MAX_POSES, View
 
-MOST_RAY_TRIANGLES = 2**18  # 16 MB of textures in a browser, which puts them anew in 0.1 s when something moves
 LEAST_TEXTURE_SIDE = 64  # texels, to which textures are reduced at most so that a scene fits; 16 to 256 would do
 TYPES = {"f": "float32", "u": "uint32"}
 LAWS = {
@@ -112,6 +113,10 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
     short = seen_short((mesh.geometry for mesh in scene.meshes), scene.camera)
     scene = scene._replace(meshes=tuple(mesh._replace(geometry=own) for mesh, own in zip(scene.meshes, short, strict=True)))
     casters = scene_casters(scene, resolutions.choices)
+    rays = _has_rays(scene, drawing)
+    fine = fine_enough(short, scene.camera) if rays else short
+    scene = scene._replace(meshes=tuple(mesh._replace(geometry=local_order(own)) for mesh, own in zip(scene.meshes, fine, strict=True)))
+    bounce = surfels(scene) if rays else None
     block = Block()
     buffers = vertex_buffers(scene)
     rows = buffers.vertices
@@ -127,12 +132,15 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
     arrays["indices"] = block.add(np.concatenate(local).astype("<u4"))
     if scene.glossy:
         arrays["lobe_albedo"] = block.add(lobe_albedo.ggx_albedo())
-    found = reflecting_rows(scene._replace(meshes=tuple(mesh._replace(geometry=local_order(mesh.geometry)) for mesh in scene.meshes)))
+    found = reflecting_rows(scene)
     arrays["reflecting"], arrays["reflecting_texels"] = block.add(found.rows), block.add(found.texels)
     for name, own, texture in (("colour_uvs", found.colour_uvs, 12), ("emission_uvs", found.emission_uvs, 16)):
         where = np.repeat(found.rows[:, texture] >= 0, [run.count for run in buffers.vertex_ranges])
         if not np.array_equal(own[where], rows["uv"][where]):
             arrays[name] = block.add(own)
+    if bounce:
+        arrays["surfels"], arrays["surfel_weights"] = block.add(bounce.rows), block.add(bounce.weights)
+        arrays["vertex_surfels"] = block.add(bounce.of_vertices.astype("<u2").view("<u4"))
     arrays["caster_positions"] = block.add(casters.positions.astype("<f4"))
     arrays["caster_indices"] = block.add(casters.indices.astype("<u4"))
 
@@ -140,6 +148,7 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
     emission = any(emits(material) for material in materials)
     uniforms = [material_uniforms(material, emission) for material in materials]
     textures, of_texture, reduced = _textures(uniforms, block)
+    backs = bounce.backs if bounce else [0] * len(scene.meshes)
     meshes = tuple(
         FlatMesh(
             name=mesh.name[:200],
@@ -147,8 +156,9 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
             vertices=FlatRange(first=own.first, count=own.count),
             indices=FlatRange(first=run.first, count=run.count),
             material=number,
+            back=back,
         )
-        for mesh, own, run, number in zip(scene.meshes, buffers.vertex_ranges, buffers.mesh_ranges, numbers, strict=True)
+        for mesh, own, run, number, back in zip(scene.meshes, buffers.vertex_ranges, buffers.mesh_ranges, numbers, backs, strict=True)
     )
     camera = View(eye=scene.camera.position, at=scene.camera.at, fov_y=float(np.clip(scene.camera.fov_y, 1, 170)))
     made = FlatScene(
@@ -167,8 +177,9 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
         laws={name: float(getattr(module, name)) for module, names in LAWS.items() for name in names}
         | {"LARGEST_MAP": resolutions.largest, "MAP_HALVINGS": resolutions.halvings, "BY_POWER": float(resolutions.by_power)}
         | {"LIGHT_TEXELS": LIGHT_TEXELS, "NEAR_TEXELS": NEAR_LIGHT.dtype.itemsize // 16, "NEAR_VIEW_TEXELS": NEAR_VIEW_TEXELS}
-        | {"EMISSION": float(emission), "RAYS": float(_has_rays(scene, drawing)), "BACKGROUND": float(drawing.background == "map")}
+        | {"EMISSION": float(emission), "RAYS": float(rays), "BACKGROUND": float(drawing.background == "map")}
         | {"PREFILTER_SIDE": prefiltered_map.SIDES[0], "PREFILTER_TEXEL_RAD": prefiltered_map.texel_rad(prefiltered_map.SIDES[0])}
+        | {"SURFEL_SIDE": SURFEL_SIDE, "SURFEL_RAYS": SURFEL_RAYS, "SURFEL_LIFT": SURFEL_LIFT * seen_from(scene.camera)}
         | {"ALBEDO_SIZE": lobe_albedo.SIZE}
         | {f"KIND_{kind.name}": kind.value for kind in MaterialKind}
         | {
@@ -177,15 +188,15 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
             for name in layout.dtype.names or ()
         },
         shaders=browser_shaders(),
-        left_out=tuple(_left_out(scene, drawing, reduced)),
+        left_out=tuple(_left_out(scene, drawing, reduced, bounce is not None)),
     )
     return Flattened(made, block.bytes())
 
 
-def _left_out(scene: Scene, drawing: settings.Renderer, reduced: int) -> list[str]:
+def _left_out(scene: Scene, drawing: settings.Renderer, reduced: int, bounce: bool) -> list[str]:
     """What browsers do not draw of this scene, a line each."""
     lines = []
-    if drawing.bounces:
+    if drawing.bounces and not bounce:
         only = " (mirrors show the sky alone)" if scene.glossy and not _has_rays(scene, drawing) else ""
         lines.append(f"light from surface to surface{only}")
     if scene.luminaires:

@@ -10,7 +10,7 @@ from vemlight.renderer.scene.materials import Material, alpha_test_of
 from vemlight.renderer.scene.scene import Scene
 from vemlight.runtime.flat_scene import REFLECTING_NUMBERS
 
-UNLIT, CATCHER, CLOSED = 1, 2, 4  # flags, added up
+UNLIT, CATCHER = 1, 2  # flags, added up
 LEAST_ALPHA = 1e-6  # below a texel's smallest code times any cutoff
 HALF_COVERED = 0.5  # of a surface with hashed alpha: rays see it where it covers more
 
@@ -31,8 +31,7 @@ def reflecting_rows(scene: Scene) -> ReflectingRows:
     meshes = reflecting_meshes(scene)
     rows = np.zeros((len(scene.meshes), REFLECTING_NUMBERS), np.float32)
     rows[:, 0:3], rows[:, 3], rows[:, 4:7] = meshes.colour, meshes.metallic, meshes.reflectance
-    closed = np.array([mesh.geometry.closed for mesh in scene.meshes])
-    rows[:, 7], rows[:, 8:11] = UNLIT * meshes.unlit + CATCHER * meshes.catcher + CLOSED * closed, meshes.emission
+    rows[:, 7], rows[:, 8:11] = UNLIT * meshes.unlit + CATCHER * meshes.catcher, meshes.emission
     rows[:, 11] = [_cutoff(mesh.material) for mesh in scene.meshes]
     for at, textures in ((12, meshes.colour_texture), (16, meshes.emission_texture)):
         rows[:, at] = NONE

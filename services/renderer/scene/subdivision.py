@@ -20,8 +20,9 @@ def seen_short(meshes: Iterable[Geometry], camera: ViewCamera) -> list[Geometry]
     return [with_short_edges(mesh, at, radius) for mesh in meshes]
 
 
-def with_short_edges(mesh: Geometry, centre: np.ndarray, radius: float) -> Geometry:
-    """The same surface, in which no edge is longer than `radius` and than its middle's distance from `centre` (3,) too; metres.
+def with_short_edges(mesh: Geometry, centre: np.ndarray, short: float, about: float | None = None) -> Geometry:
+    """The same surface, in which no edge is longer than `short` and than its middle's distance from `centre` (3,) too; with `about`, than
+    `short` and its distance from a ball of that radius together. All in metres.
 
     Whether an edge is cut depends on the edge alone, so that neighbours stay neighbours.
     """
@@ -29,7 +30,8 @@ def with_short_edges(mesh: Geometry, centre: np.ndarray, radius: float) -> Geome
         edges, of_triangle = _edges(mesh.triangles)
         a, b = mesh.positions[edges[:, 0]].astype(np.float64), mesh.positions[edges[:, 1]].astype(np.float64)
         away = np.linalg.norm((a + b) / 2 - centre, axis=1)
-        cut = np.linalg.norm(a - b, axis=1) > np.maximum(away, radius)
+        limits = np.maximum(away, short) if about is None else short + np.maximum(away - about, 0)
+        cut = np.linalg.norm(a - b, axis=1) > limits
         if not cut.any():
             break
         numbers = np.where(cut, len(mesh.positions) + np.cumsum(cut) - 1, -1)[of_triangle]

@@ -223,6 +223,7 @@ export class Relit {
       if (drawn) await drawing.finished(); // else pictures would queue, and the page stand still
       if (drawn) this.fit(performance.now() - began);
       this.waiting = false;
+      if (drawn && !this.drawn.settled) this.dirty = true;
       if (this.dirty) this.redraw();
     });
   }
@@ -270,12 +271,13 @@ export class Relit {
     if (this.lost) return "The graphics driver of this machine has taken the picture away; it comes back as soon as the driver is ready.";
     if (!this.drawing) return `Not drawn in this browser: ${this.why}.`;
     if (!this.frame) return "Waiting for lights …";
-    const { lights = 0, near = 0, left: weaker = 0, coarser = 0 } = this.drawn ?? {}, without = this.scene.description.left_out;
+    const { lights = 0, near = 0, left: weaker = 0, coarser = 0, settled = true } = this.drawn ?? {}, without = [...this.scene.description.left_out, ...this.drawing.missing];
     const all = `${lights} lights${near ? `, ${near} of them near` : ""}${weaker ? ` (${weaker} weaker ones are left out)` : ""}`;
     const coarse = coarser ? ` Shadow maps are ${2 ** coarser} times coarser than the settings', for which this browser has no room.` : "";
     const small = this.shrunk > 1 ? ` It has 1/${this.shrunk ** 2} of the server's pixels, as many as this machine draws in time.` : "";
     const left = without.length ? ` Without ${without.join(", ")}.` : "";
-    return `This browser draws ${frames ? `${frames} picture${frames > 1 ? "s" : ""}` : "less than one picture"} a second under ${all}, from ${(bytes / 1000).toFixed(1)} kB a second.${small}${coarse}${left}`;
+    const found = settled ? "" : " Light from surface to surface is still being found.";
+    return `This browser draws ${frames ? `${frames} picture${frames > 1 ? "s" : ""}` : "less than one picture"} a second under ${all}, from ${(bytes / 1000).toFixed(1)} kB a second.${small}${coarse}${left}${found}`;
   }
 }
 

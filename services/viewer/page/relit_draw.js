@@ -1,18 +1,19 @@
 // The scene under many lights, drawn in WebGL2 by the renderer's own shaders: surfaces once, then all lights for each pixel, then the screen.
 
+import { Bounce } from "/relit_bounce.js";
 import { Environment, withReflection } from "/relit_environment.js";
 import { clipFromWorld, dot, minus, nearestDistance, rayFromPixel, unit } from "/relit_camera.js";
 import { pointsOf, strongest, withPower } from "/relit_lights.js";
+import { Meshes } from "/relit_meshes.js";
 import { Mirrors } from "/relit_mirrors.js";
 import { NearLights } from "/relit_near.js";
 import { Programs } from "/relit_programs.js";
 import { SceneRays } from "/relit_rays.js";
-import { checkErrors, nearest, Shadows, uploaded } from "/relit_shadows.js";
+import { checkErrors, nearest, Shadows } from "/relit_shadows.js";
 import { boxCorners, boxOf, identity, transformed, worldFromRest } from "/scene_data.js";
 
 const FENCE_MS = 3; // between two looks at it; 1 to 10 would do
 const NO_TONE = { scale: 1, white: 0 };
-const VERTEX = { position: ["positions", 3], normal: ["normals", 3], uv: ["uvs", 2], vertex_colour: ["colours", 4], second_uv: ["second_uvs", 2] };
 
 // The context, or a line that says why there is none.
 export function contextOf(canvas) {
@@ -34,18 +35,17 @@ export class SceneDrawing {
     this.blends = Boolean(gl.getExtension("EXT_float_blend"));
     this.programs = new Programs(gl, description.shaders);
     this.empty = gl.createVertexArray();
-    this.white = this.texture({ width: 1, height: 1, srgb: false, repeats: [true, true], filters: [gl.NEAREST, gl.NEAREST] }, new Uint8Array([255, 255, 255, 255]));
-    this.textures = description.textures.map((texture) => this.texture(texture, new Uint8Array(scene.buffer, texture.texels.offset, texture.texels.count)));
-    this.materials = description.materials.map((material) => ({ ...material, block: uploaded(gl, gl.UNIFORM_BUFFER, new Float32Array(material.row)) }));
-    this.buffers = Object.fromEntries(Object.entries(VERTEX).map(([, [name]]) => [name, scene.arrays[name] && uploaded(gl, gl.ARRAY_BUFFER, scene.arrays[name])]));
-    this.indices = uploaded(gl, gl.ELEMENT_ARRAY_BUFFER, scene.arrays.indices);
-    this.items = description.meshes.map((mesh, k) => this.item(mesh, k));
-    this.kinds = [...new Set(description.materials.map((material) => material.kind))].sort();
+    const bounces = this.laws.RAYS && scene.arrays.surfels;
+    this.bounces = Boolean(bounces && outputs >= 5 + this.laws.EMISSION);
+    this.missing = bounces && !this.bounces ? ["light from surface to surface, for which this browser draws into too few pictures at once"] : [];
+    const { items, kinds, textures, white } = new Meshes(gl, scene, this.programs, this.bounces);
+    Object.assign(this, { items, kinds, textures, white });
     this.shadows = new Shadows(gl, scene, this.programs);
     this.near = new NearLights(this);
     this.environment = new Environment(this);
     this.sceneRays = this.laws.RAYS ? new SceneRays(gl, scene) : null;
     this.mirrors = this.sceneRays && this.environment.glossy ? new Mirrors(this, this.sceneRays) : null;
+    this.bounce = this.bounces ? new Bounce(this, this.sceneRays) : null;
     this.catches = this.kinds.includes(this.laws.KIND_SHADOW_CATCHER);
     this.size = [0, 0];
     checkErrors(gl);
@@ -54,7 +54,8 @@ export class SceneDrawing {
   // Draws a frame into the canvas.
   // view: { from, at, fov_y }; lights: directional ones, and near: the others, of lightsFromBytes(); poses: of objects; tone: { scale, white }.
   // Returns { lights, near, left, points, maps, coarser }: how many were drawn, near ones among them, and how many there was no room for; as how many
-  // points; how many lights' shadow maps were drawn anew; how often all maps were halved so that they fit.
+  // points; how many lights' shadow maps were drawn anew; how often all maps were halved so that they fit; settled: whether the next
+  // picture of the same will be the same.
   draw({ view, lights, near, poses, tone, width, height }) {
     const { gl, scene } = this, matrices = worldFromRest(scene, poses), lit = withPower(lights), shown = strongest(lit);
     const cut = pointsOf(shown, this.laws), points = this.environment.map ? withReflection(cut, this.environment.map, this.laws) : cut;
@@ -62,9 +63,11 @@ export class SceneDrawing {
     const anew = this.fit(width, height);
     const maps = this.shadows.draw(points, matrices, (common, first, count) => this.castAlpha(common, first, count, matrices));
     const nearMaps = this.near.drawMaps(near, matrices, boxes), nearCount = this.near.lights.length;
+    const moved = this.sceneRays?.place(matrices), ground = this.catches ? this.groundAlbedo(view, points, matrices) : [0, 0, 0];
+    if (moved) this.bounce?.place(matrices);
+    this.bounce?.gather(ground);
     this.drawSurfaces(view, matrices, boxes);
-    this.sceneRays?.place(matrices);
-    this.sumLights(view, points, matrices);
+    this.sumLights(view, points, matrices, ground);
     if (this.laws.EMISSION) this.addEmission(this.surfaceTextures());
     if (this.environment.map && this.laws.BACKGROUND) this.environment.drawBehind(this.rays, this.catches ? this.matte : null);
     this.show(tone ?? NO_TONE);
@@ -72,7 +75,7 @@ export class SceneDrawing {
     if (anew) checkErrors(gl); // seldom, since it waits
     return {
       lights: shown.length + nearCount, near: nearCount, left: lit.length - shown.length, points: this.shadows.count, maps: maps + nearMaps,
-      coarser: this.shadows.coarser,
+      coarser: this.shadows.coarser, settled: this.bounce?.settled ?? true,
     };
   }
 
@@ -101,13 +104,14 @@ export class SceneDrawing {
       item.program.use({
         ...this.rays, clip_from_world: clip, world_from_rest: matrices[k] ?? identity(), normal_from_rest: cofactors(matrices[k]), sample_number: 0,
         colour_texture: colour, parameter_texture: parameter, normal_texture: normal, emissive_texture: emissive,
+        surfel_irradiance: this.bounce?.irradiance, back: item.back,
       });
       gl.drawElements(gl.TRIANGLES, item.indices.count, gl.UNSIGNED_INT, 4 * item.indices.first);
     });
   }
 
   // The sum over the lights.
-  sumLights(view, points, matrices) {
+  sumLights(view, points, matrices, ground) {
     const { gl } = this;
     for (const frame of [this.picture.frame, this.picture.lobes, this.picture.matte]) {
       if (!frame) continue;
@@ -122,27 +126,28 @@ export class SceneDrawing {
       gl.bindFramebuffer(gl.FRAMEBUFFER, this.frameOfKind(kind));
       this.shade(kind, { ...surfaces, unshadowed: kind === this.laws.KIND_SHADOW_CATCHER ? this.unshadowed(view, points, matrices) : [1, 1, 1] });
     }
-    this.mirrors?.trace(surfaces, this.catches ? this.groundAlbedo(view, points, matrices) : [0, 0, 0]);
+    this.mirrors?.trace(surfaces, ground);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.frame);
     this.near.add(surfaces, this.kinds.filter((kind) => kind !== this.laws.KIND_SHADOW_CATCHER));
     if (this.environment.map && this.environment.glossy && points.length) this.environment.addReflected({ ...surfaces, lobe_visibility: this.lobes }, this.mirrors?.scene);
     this.mirrors?.add(surfaces);
+    this.bounce?.add(surfaces);
   }
 
   // Sums the lights for surfaces of a kind, into the frame that is bound.
-  shade(kind, values, defines = {}) {
+  shade(kind, values, defines = {}, area) {
     const { frames, texture, width, height, count } = this.shadows;
     this.fill(this.programs.of("screen.vert", "shade.frag", { KIND: kind, CACHED_VISIBILITY: 0, WEAK: 0, COARSE: 0, STEP: 1, ...defines }), {
       lights_texture: frames.texture, atlas: texture, atlas_texel: [1 / width, 1 / height], light_count: count, weight: 1, alpha: 1, ...values,
-    });
+    }, area);
   }
 
   // What places on surfaces that are given as such send out evenly, into the frame that is bound.
-  lightPoints(values) {
+  lightPoints(values, area) {
     const points = { POINTS: 1 }, kind = this.laws.KIND_LAMBERT;
-    this.shade(kind, values, points);
-    this.near.add(values, [kind], points);
-    if (this.laws.EMISSION) this.addEmission(values);
+    this.shade(kind, values, points, area);
+    this.near.add(values, [kind], points, area);
+    if (this.laws.EMISSION) this.addEmission(values, area);
   }
 
   // What shading a kind of material writes beside radiance has a frame of its own.
@@ -153,11 +158,11 @@ export class SceneDrawing {
   }
 
   // Adds what surfaces emit to the frame that is bound.
-  addEmission(surfaces) {
+  addEmission(surfaces, area) {
     const { gl } = this;
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE);
-    this.fill(this.programs.of("screen.vert", "emission.frag"), { ...surfaces, weight: 1 });
+    this.fill(this.programs.of("screen.vert", "emission.frag"), { ...surfaces, weight: 1 }, area);
     gl.disable(gl.BLEND);
   }
 
@@ -199,7 +204,7 @@ export class SceneDrawing {
 
   // On the viewer's side.
   catcherNormal(view, matrices) {
-    const number = this.scene.description.meshes.findIndex((mesh) => this.materials[mesh.material].kind === this.laws.KIND_SHADOW_CATCHER), mesh = this.scene.objects[number];
+    const number = this.scene.description.meshes.findIndex((_, k) => this.items[k].material.kind === this.laws.KIND_SHADOW_CATCHER), mesh = this.scene.objects[number];
     const at = (vector, w) => (matrices[number] ? transformed(matrices[number], vector, w) : [...vector]);
     const normal = unit(at(mesh.normals.subarray(0, 3), 0)), place = at(mesh.positions.subarray(0, 3), 1);
     return dot(minus(view.from, place), normal) < 0 ? normal.map((value) => -value) : normal;
@@ -219,88 +224,19 @@ export class SceneDrawing {
     });
   }
 
-  fill(program, values) {
+  // Runs a program for all pixels of the frame that is bound, or of an area of it: [left, first row, width, height].
+  fill(program, values, area = [0, 0, ...this.size]) {
     const { gl } = this;
     program.use({ depth: 0.5, ...values });
     gl.bindVertexArray(this.empty);
-    gl.viewport(0, 0, ...this.size);
+    gl.viewport(...area);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
   surfaceTextures() {
-    const [surface_depth, surface_normals, surface_diffuse, surface_specular, surface_emission] = this.targets;
-    return { surface_depth, surface_normals, surface_diffuse, surface_specular, surface_emission };
-  }
-
-  item(mesh, number) {
-    const material = this.materials[mesh.material], { variant } = material;
-    const program = this.programs.of("surface.vert", "surface.frag", variant);
-    return { material, program, array: this.vertices(program, mesh), indices: mesh.indices, caster: material.cutoff === null ? null : this.alphaCaster(mesh, number) };
-  }
-
-  // An alpha-tested mesh as shadow maps draw it: alpha_test.py.
-  alphaCaster(mesh, number) {
-    const { gl } = this, { objects } = this.scene, material = this.materials[mesh.material];
-    const program = this.programs.of("shadow.vert", "shadow_alpha_test.frag", { ALPHA_TEST: 1, RECEIVER_PLANE: 0 });
-    const alpha = material.textures[0], { count, first } = mesh.vertices, object = objects[number];
-    const colours = this.scene.arrays.colours, vertexAlpha = new Float32Array(count);
-    for (let k = 0; k < count; k++) vertexAlpha[k] = material.alpha * (colours ? colours[4 * (first + k) + 3] : 1);
-    const uvs = material.alpha_uv_set && this.scene.arrays.second_uvs ? this.scene.arrays.second_uvs : this.scene.arrays.uvs;
-    const [[a, b, c], [d, e, f]] = material.alpha_uv_transform, placed = new Float32Array(2 * count);
-    for (let k = 0; k < count; k++) {
-      const u = uvs[2 * (first + k)], v = uvs[2 * (first + k) + 1];
-      placed.set([a * u + b * v + c, d * u + e * v + f], 2 * k);
-    }
-    const array = gl.createVertexArray();
-    gl.bindVertexArray(array);
-    for (const [name, data, numbers] of [["position", object.positions, 3], ["alpha_uv", placed, 2], ["vertex_alpha", vertexAlpha, 1]]) {
-      uploaded(gl, gl.ARRAY_BUFFER, data);
-      const at = program.attribute(name);
-      if (at < 0) continue;
-      gl.enableVertexAttribArray(at);
-      gl.vertexAttribPointer(at, numbers, gl.FLOAT, false, 0, 0);
-    }
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
-    return { program, array, texture: alpha === null ? this.white : this.alphaTexture(alpha) };
-  }
-
-  // The fourth channel of a texture as its first.
-  alphaTexture(number) {
-    const texture = this.scene.description.textures[number];
-    const texels = new Uint8Array(this.scene.buffer, texture.texels.offset, texture.texels.count), alphas = new Uint8Array(texels.length);
-    for (let k = 0; k < texels.length; k++) alphas[k] = texels[k | 3];
-    return this.texture({ ...texture, srgb: false }, alphas);
-  }
-
-  vertices(program, mesh) {
-    const { gl } = this, array = gl.createVertexArray();
-    gl.bindVertexArray(array);
-    for (const [name, [source, numbers]] of Object.entries(VERTEX)) {
-      const at = program.attribute(name);
-      if (at < 0) continue;
-      if (!this.buffers[source]) {
-        gl.disableVertexAttribArray(at);
-        gl.vertexAttrib4f(at, 1, 1, 1, 1); // of the context, not of the array: all that lack it are white
-        continue;
-      }
-      gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[source]);
-      gl.enableVertexAttribArray(at);
-      gl.vertexAttribPointer(at, numbers, gl.FLOAT, false, 0, 4 * numbers * mesh.vertices.first);
-    }
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indices);
-    return array;
-  }
-
-  texture({ width, height, srgb, repeats, filters }, texels) {
-    const { gl } = this, texture = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D, texture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, srgb ? gl.SRGB8_ALPHA8 : gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, texels);
-    gl.generateMipmap(gl.TEXTURE_2D);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, filters[0]);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, filters[1]);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, repeats[0] ? gl.REPEAT : gl.CLAMP_TO_EDGE);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, repeats[1] ? gl.REPEAT : gl.CLAMP_TO_EDGE);
-    return texture;
+    const [surface_depth, surface_normals, surface_diffuse, surface_specular, ...more] = this.targets;
+    const surface_emission = this.laws.EMISSION ? more.shift() : null, [surface_received] = more;
+    return { surface_depth, surface_normals, surface_diffuse, surface_specular, surface_emission, surface_received };
   }
 
   // Makes the textures of a picture of that size. Whether there were others.
@@ -310,7 +246,7 @@ export class SceneDrawing {
     this.size = [width, height];
     for (const texture of [...(this.targets ?? []), this.depth, this.picture?.texture, this.lobes, this.matte]) gl.deleteTexture(texture ?? null);
     for (const frame of [this.surfaces, this.picture?.frame, this.picture?.lobes, this.picture?.matte]) gl.deleteFramebuffer(frame ?? null);
-    const formats = [gl.R32F, gl.RGBA32F, gl.RGBA16F, gl.RGBA16F, ...(this.laws.EMISSION ? [gl.RGBA32F] : [])];
+    const formats = [gl.R32F, gl.RGBA32F, gl.RGBA16F, gl.RGBA16F, ...(this.laws.EMISSION ? [gl.RGBA32F] : []), ...(this.bounces ? [gl.RGBA32F] : [])];
     this.targets = formats.map((format) => this.target(format));
     this.depth = this.target(gl.DEPTH_COMPONENT24);
     this.surfaces = this.frameOf(this.targets, this.depth);

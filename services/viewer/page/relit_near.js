@@ -106,7 +106,7 @@ export class NearLights {
   }
 
   // Adds their light to surfaces of these kinds, in the frame that is bound; values: of the surfaces. Catchers are left to the server.
-  add(values, kinds, defines = {}) {
+  add(values, kinds, defines = {}, area) {
     const { gl } = this;
     if (!this.lights.length) return;
     gl.enable(gl.BLEND);
@@ -115,7 +115,7 @@ export class NearLights {
     for (const kind of kinds) {
       this.drawing.fill(this.programs.of("screen.vert", "near_lights.frag", { KIND: kind, TRACED: 0, ...defines }), {
         ...values, near_maps: this.texture, near_views_texture: this.viewsTexture, map_size: this.side, light_count: this.lights.length, weight: 1,
-      });
+      }, area);
     }
     gl.disable(gl.BLEND);
   }

@@ -2,7 +2,7 @@
 
 const BLOCKS = ["MaterialBlock", "NearLights"]; // each at the binding of its number
 // At the same places in all programs, so that a vertex array serves several.
-const ATTRIBUTES = ["position", "normal", "uv", "vertex_colour", "second_uv", "alpha_uv", "vertex_alpha"];
+const ATTRIBUTES = ["position", "normal", "uv", "vertex_colour", "second_uv", "alpha_uv", "vertex_alpha", "surfels", "surfel_weights"];
 
 export class Programs {
   constructor(gl, shaders) {

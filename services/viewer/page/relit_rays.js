@@ -1,6 +1,7 @@
 // The scene as rays in the browser's shaders meet it (scene_hits.glsl): its triangles in textures, in a balanced tree of boxes over them, which is made
 // once, where things stand at rest; when something moves its boxes move along.
 
+import { cross, dot, minus } from "/relit_camera.js";
 import { checkErrors, nearest } from "/relit_shadows.js";
 import { treeOrder } from "/relit_tree.js";
 import { transformed } from "/scene_data.js";
@@ -28,6 +29,7 @@ export class SceneRays {
         found.set([colours[2 * v], colours[2 * v + 1], emissions[2 * v], emissions[2 * v + 1], ...own, k], 8 * v);
       }
     });
+    this.wind();
     this.order = treeOrder(middles(arrays.positions, this.corners), this.leaves, LEAF);
     this.mesh = (vertex) => found[8 * vertex + 7];
     this.holes = description.meshes.map((_, k) => arrays.reflecting[ROW * k + 11] > 0);
@@ -84,6 +86,23 @@ export class SceneRays {
     }
     this.write(this.textures.ray_triangles, this.gl.RGBA32F, triangles);
     this.write(this.textures.ray_boxes, this.gl.RGBA32F, boxes);
+  }
+
+  // Winds the triangles so that their fronts are those of their vertices' normals.
+  wind() {
+    const { corners } = this, { positions, normals } = this.scene.arrays, at = (array, vertex) => array.subarray(3 * vertex, 3 * vertex + 3);
+    for (let t = 0; t < corners.length; t += 3) {
+      const [a, b, c] = [0, 1, 2].map((k) => at(positions, corners[t + k])), facing = cross(minus([...b], a), minus([...c], a));
+      const outwards = [0, 1, 2].reduce((sum, k) => sum + dot(facing, at(normals, corners[t + k])), 0);
+      if (outwards < 0) [corners[t + 1], corners[t + 2]] = [corners[t + 2], corners[t + 1]];
+    }
+  }
+
+  // A texture with up to four numbers for each vertex. numbersOf(vertex, mesh)
+  perVertex(numbersOf) {
+    const made = this.rows(this.scene.arrays.positions.length / 3);
+    for (let vertex = 0; vertex < this.places.length / 3; vertex++) made.set(numbersOf(vertex, this.mesh(vertex)), 4 * vertex);
+    return this.texture(this.gl.RGBA32F, made);
   }
 
   // What a program that follows rays needs.

@@ -31,6 +31,16 @@ layout(location = 3) out vec4 out_specular;
 layout(location = 4) out vec4 out_emission;
 #endif
 
+#ifdef SURFELS
+in vec4 front_received;
+in vec4 back_received;
+#if EMISSION
+layout(location = 5) out vec4 out_received;
+#else
+layout(location = 4) out vec4 out_received;
+#endif
+#endif
+
 #if UV_TRANSFORM
 in vec2 surface_second_uv;
 vec2 texture_uv(int slot) {
@@ -71,6 +81,10 @@ void main() {
     smooth_normal = mapped_normal(smooth_normal);
 #endif
     if (back_face) smooth_normal = -smooth_normal;
+#ifdef SURFELS
+    vec4 received = back_face ? back_received : front_received;
+    out_received = vec4(received.rgb / max(received.a, 1e-6), 1.0);
+#endif
 
     vec4 texel = TEXEL(colour_texture, TEXTURE_COLOUR);
     SurfaceModel surface = MODEL(material.colour * surface_colour * texel.rgb, TEXEL(parameter_texture, TEXTURE_PARAMETER));

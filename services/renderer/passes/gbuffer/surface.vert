@@ -12,6 +12,23 @@ out vec2 surface_second_uv;
 out vec3 rest_position;
 out float surface_alpha;
 #endif
+#ifdef SURFELS  // of browsers, which keep at places what surfaces send to each other: what the surface receives on its front and on its back
+in vec4 surfels;
+in vec4 surfel_weights;
+uniform highp sampler2D surfel_irradiance;  // w: 0 where it is not known
+uniform int back;  // how much more the surfel on the back is than that on the front
+out vec4 front_received;
+out vec4 back_received;
+
+vec4 received_of(vec4 numbers) {
+    vec4 sum = vec4(0.0);
+    for (int k = 0; k < 4; ++k) {
+        int surfel = int(numbers[k] + 0.5), side = textureSize(surfel_irradiance, 0).x;
+        sum += surfel_weights[k] * texelFetch(surfel_irradiance, ivec2(surfel % side, surfel / side), 0);
+    }
+    return sum;
+}
+#endif
 out vec3 world_position;
 out vec3 surface_normal;
 out vec2 surface_uv;
@@ -22,6 +39,10 @@ void main() {
     world_position = place.xyz;
     surface_normal = normal_from_rest * normal;
     surface_uv = uv;
+#ifdef SURFELS
+    front_received = received_of(surfels);
+    back_received = back > 0 ? received_of(surfels + float(back)) : vec4(0.0);
+#endif
     surface_colour = vertex_colour.rgb;
 #if UV_TRANSFORM
     surface_second_uv = second_uv;

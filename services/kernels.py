@@ -2,8 +2,8 @@
 
 A service waits for the compiler at its first start, so a kernel is compiled for what it is called with and no more: assigning a slice or an
 expression of arrays to another slice makes numba compile the text of an error message, 2 s, calls of LAPACK take 5 s, np.argsort 1 s,
-np.flatnonzero and each expression of whole arrays .2 s, where loops take a tenth, each further version of a function as long again. Called with a literal 0, or with a variable that begins as one, a function gets two versions; with np.int64(0)
-it gets one.
+np.flatnonzero and each expression of whole arrays .2 s, where loops take a tenth, each further version of a function as long again. Called
+with a literal 0, or with a variable that begins as one, a function gets two versions; with np.int64(0) it gets one.
 """
 
 import gc

@@ -46,6 +46,13 @@ def light_centre(frame) -> np.ndarray:
     return total / np.linalg.norm(total)
 
 
+@pytest.mark.parametrize("changed", [{"rim_deg": 0.2}, {"c": (900.0, 49.5)}])
+def test_a_lens_that_sees_nothing_of_the_map_is_refused(tmp_path, changed):
+    write_lens(tmp_path / "lens.toml", msgspec.structs.replace(SMALL, **changed))
+    with pytest.raises(UserError, match=r"lens\.toml: no pixel of the frame looks into the hemisphere"):
+        FrameMaker(Capture(), tmp_path).frame("a", np.ones((100, 100, 3), np.float32), {}, 0.0)
+
+
 def test_sun_keeps_power_and_place_at_any_position(maker: FrameMaker) -> None:
     rng = np.random.default_rng(12)
     for _ in range(25):

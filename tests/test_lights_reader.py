@@ -32,6 +32,11 @@ def some_lights(count: int, soft: bool, seed: int = 0) -> LightSet:
     return LightSet.of(random.permutation(10 * count)[:count], directions, random.random((count, 3)), covariances if soft else None)
 
 
+def test_a_byte_order_mark_is_passed_over(tmp_path):
+    (tmp_path / "a.jsonl").write_bytes(b"\xef\xbb\xbf" + GOOD % LIGHT)
+    assert [len(frame.lights.ids) for frame in lights_frames(tmp_path / "a.jsonl")] == [1]
+
+
 @pytest.mark.parametrize("soft", [False, True])
 def test_what_was_written_comes_back_to_the_bit(tmp_path, soft):
     sets = [some_lights(count, soft, count) for count in (5, 0, 72)]

@@ -28,6 +28,14 @@ def test_rows_of_the_map_are_a_degree_high_whatever_it_covers(tmp_path, coverage
     assert frames.frame(0).radiance.shape == (rows, 360, 3)
 
 
+@pytest.mark.parametrize(("asked", "said"), [(None, False), (2, False), (3, True)])
+def test_fewer_frames_than_asked_for_are_said(tmp_path, capsys, asked, said):
+    for k in range(2):
+        write_exr(tmp_path / f"{k}.exr", np.ones((8, 16, 3), np.float32))
+    open_frames(LightsOptions(source=tmp_path, out=HERE, frames=asked))
+    assert ("has 2 frames, and --frames asks for 3" in capsys.readouterr().err) == said
+
+
 @pytest.mark.parametrize(("asked", "frames", "used"), [(None, 1, "none"), (None, 2, "auto"), ("adaptive", 1, "adaptive")])
 def test_a_single_map_is_not_filtered_unless_asked(asked, frames, used):
     assert sampler_settings(LightsOptions(source=HERE, out=HERE, filter=asked), frames).filter == used

@@ -65,6 +65,18 @@ def test_a_wrong_input_is_one_line_and_leaves_nothing(wrong, given, monkeypatch)
     assert present(given.parent) == before
 
 
+@pytest.mark.parametrize("words", [
+    ["lights", "", "--out", "o.json"], ["lights", "good.exr", "--out", ""], ["verify", ""], ["record", "--source", "", "--out", "o"],
+])  # fmt: skip
+def test_an_empty_name_is_no_folder(words, given, monkeypatch):
+    monkeypatch.chdir(given)
+    before = present(given.parent)
+    done = CliRunner().invoke(main, words, prog_name="vemlight")
+    assert done.exit_code == 2, done.output
+    check_line(Wrong("", ("empty name",)), done.stderr)
+    assert present(given.parent) == before
+
+
 @pytest.mark.parametrize("command", ["run --source {}", "archive {} --out out"])
 def test_a_folder_whose_name_is_not_utf_8_is_refused_where_it_would_be_kept(command, given, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)

@@ -395,6 +395,10 @@ class FrameMaker:
             lattices = [ALL_PIXELS] if mosaic in (None, "mono") else colour_lattices(mosaic)
             flat_fields = [flat_field(lens, path) for lens, path in zip(self._lenses, self._lens_paths, strict=True)]
             self._fisheye = [lenses_to_polar(self._lenses, s.rows, s.cols, s.coverage, lattice, flat_fields) for lattice in lattices]
+            if not any(len(weights.pixel) for weights in self._fisheye):
+                named = ", ".join(str(path) for path in self._lens_paths)
+                seen = f"no pixel of the frame looks into the {s.coverage}"
+                raise UserError(f"{named}: {seen}; correct c, f, rim_deg (degrees) or world_from_camera")
             self._directions = partial(directions_of, self._lenses)
             self._directions(np.zeros((1, 2)))  # compiles it now, and not when the first bright cell appears
         self._spans, self._runs = lit_spans(self._fisheye), lit_runs(self._fisheye)

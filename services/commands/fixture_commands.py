@@ -8,14 +8,13 @@ from typing import Any
 import click
 
 from vemlight.commands.capture_commands import calibrate
-from vemlight.commands.parameters import STANDARD_OUTPUT, Number, OutFile, width_height
+from vemlight.commands.parameters import PATH, STANDARD_OUTPUT, Number, OutFile, width_height
 from vemlight.errors import UserError
 
 OF_BOARD = {"board": "--board", "square_m": "--square", "views": "--views"}
 OF_CAMERAS = {"wand": "--wand", "coverage": "--coverage", **OF_BOARD, "dictionary": "--dictionary", "marker_m": "--marker"}
 OF_FIXTURES = {"settings": "SETTINGS", "arm": "--arm", "settle_s": "--settle", "level": "--level"}
 BUNDLED = "bundled"  # the word that names the rig of this package
-PATH = click.Path(path_type=Path)
 
 
 def rig_path(name: Path) -> Path:

@@ -18,7 +18,7 @@ from vemlight.commands.options import LightsOptions, SamplingOptions
 from vemlight.commands.parameters import STANDARD_OUTPUT
 from vemlight.commands.report import Report
 from vemlight.commands.source_options import CAPTURE_KEYS, capture_settings, frames_of_live
-from vemlight.files import writing_to, written_whole
+from vemlight.files import notice, writing_to, written_whole
 from vemlight.light.light_set import LightSet, check_lights_path
 from vemlight.runtime.progress import counted
 from vemlight.sampler.score import score as scored
@@ -41,11 +41,14 @@ def open_frames(options: SamplingOptions) -> FrameSource:
         from vemlight.capture.live_frames import LiveFrames
         from vemlight.commands.run_checks import check_camera
 
-        count = frames_of_live(options.frames, capture.source)
         if is_camera(capture.source):
             check_camera(capture.source)
+        count = frames_of_live(options.frames, capture.source)
         return MaskedSource(LiveFrames(capture, count), capture)
-    return MaskedSource(open_source(limited_to(capture, options.frames)), capture)
+    source = open_source(limited_to(capture, options.frames))
+    if options.frames and len(source) < options.frames:
+        notice(f"{options.source}: has {len(source)} frame{'' if len(source) == 1 else 's'}, and --frames asks for {options.frames}")
+    return MaskedSource(source, capture)
 
 
 def limited_to(capture: settings.Capture, frames: int | None) -> settings.Capture:

@@ -12,10 +12,24 @@ from vemlight.choices import Background, ExrFloats, Filter, Method, Mode, Shadow
 from vemlight.errors import UserError
 from vemlight.runtime.channels import INSTANCE, SERVICES
 
-PATH = click.Path(path_type=Path)
 STANDARD_OUTPUT = Path("-")
 MODE, TONE, BACKGROUND, SHADOWS = (click.Choice(get_args(kind)) for kind in (Mode, Tone, Background, Shadows))
 METHOD, FILTER, EXR_FLOATS = (click.Choice(get_args(kind)) for kind in (Method, Filter, ExrFloats))
+
+
+class NamedPath(click.Path):
+    """A path that is not an empty text, which pathlib takes for the folder that one is in."""
+
+    def __init__(self, allow_dash: bool = False) -> None:
+        super().__init__(path_type=Path, allow_dash=allow_dash)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("is an empty name; name a file or a folder", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = NamedPath()
 
 
 class Number(click.FloatRange):
@@ -38,11 +52,11 @@ class InstanceName(click.Choice):
         return value if re.fullmatch(INSTANCE, value) else super().convert(value, param, ctx)
 
 
-class OutFile(click.Path):
+class OutFile(NamedPath):
     """A file to be written: its suffix and its folder are looked at before any work. dash: "-" is allowed, for standard output."""
 
     def __init__(self, *suffixes: str, dash: bool = False) -> None:
-        super().__init__(path_type=Path, allow_dash=dash)
+        super().__init__(allow_dash=dash)
         self._suffixes, self._dash = suffixes, dash
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -62,11 +76,8 @@ class OutFile(click.Path):
         return path
 
 
-class OutFolder(click.Path):
+class OutFolder(NamedPath):
     """A folder to be written to, which is made when it is not there."""
-
-    def __init__(self) -> None:
-        super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         path = Path(os.fsdecode(super().convert(value, param, ctx)))

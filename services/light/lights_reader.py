@@ -1,5 +1,6 @@
 """Reads files of lights frame by frame, `vemlight.lights/1` and `/2`, however long they are."""
 
+import codecs
 import struct
 from collections.abc import Iterator
 from itertools import accumulate, chain, pairwise
@@ -79,6 +80,8 @@ def _lines(path: Path, file: BinaryIO, is_single: bool) -> Iterator[tuple[str, b
     number = 0
     while line := file.read() if is_single else file.readline(MAX_LINE_BYTES):
         number += 1
+        if number == 1:
+            line = line.removeprefix(codecs.BOM_UTF8)
         if stripped := line if len(line) == MAX_LINE_BYTES else line.strip():
             yield f"{path}: line {number}", stripped
 

@@ -34,8 +34,9 @@ def opened_raw(path: Path) -> Iterator[Any]:
             yield raw
     except UserError:
         raise
-    except Exception as error:  # LibRaw's own errors have no common class but Exception
-        raise UserError(f"{path}: cannot be read as a raw photograph ({one_line(error)}); convert it to DNG or TIFF") from error
+    except Exception as error:  # LibRaw's own errors have no common class but Exception, and tell their reason in bytes
+        reason = error.args[0].decode("ascii", "replace") if error.args and isinstance(error.args[0], bytes) else one_line(error)
+        raise UserError(f"{path}: cannot be read as a raw photograph ({reason}); convert it to DNG or TIFF") from error
 
 
 def read_raw(path: Path) -> np.ndarray:

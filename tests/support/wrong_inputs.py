@@ -228,6 +228,7 @@ WRONG = [
         ("calibrate response use.csv --out out.toml", "use.csv: line 6: use = 'chek' | check"),
         ("calibrate response number.csv --out out.toml", "number.csv: line 3 | 'ten'"),
         ("calibrate response nan.csv --out out.toml", "nan.csv: line 3 | finite"),
+        ("calibrate response few.csv --bits 2 --out out.toml", "and 2 bits end at 3; correct it, or --bits"),
         ("calibrate response few.csv --bits 8 --out out.toml", "few.csv: | needs 4"),
         ("calibrate webcam /dev/video99 --out out.toml", "/dev/video99"),
         ("calibrate webcam /dev/null --out out.toml", "/dev/null: is no camera"),

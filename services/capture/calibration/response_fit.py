@@ -56,6 +56,8 @@ def calibrate_response(
     off by more than noise, unless `accept` allows it.
     """
     bits = bits or _bits_that_hold(patches)
+    if (highest := max((p.code for p in patches), default=0)) >= 2 ** (bits + 1):  # no noise of the highest code
+        raise UserError(f"a patch has code {highest:g}, and {bits} bits end at {2**bits - 1}; correct it, or --bits")
     usable = [p for p in patches if 0 < p.code < 2**bits - 1]  # codes at the ends may have been clipped
     if clipped := len(patches) - len(usable):
         notice(f"{clipped} patches at the lowest or highest code are left out: they may have been clipped")

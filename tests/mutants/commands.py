@@ -37,7 +37,7 @@ MUTANTS = [
     *mutants_of("services/settings_file.py", "tests/test_settings.py", [
         ("tcp without keys", 'and not settings.wire.keys and not settings.wire.insecure', "and False"),
         ("a camera in lossless mode", 'if settings.mode == "lossless" and is_live(source):', "if False:"),
-        ("relative paths stay", 'return value if is_stream(value) else str(folder / value)', "return value"),
+        ("relative paths stay", 'return str(folder / value) if is_path(value) else value', "return value"),
         ("options as in Python", "key.replace('_', '-')", "key"),
     ]),
     *mutants_of("services/source_names.py", "tests/test_settings.py", [

@@ -12,12 +12,16 @@ import numpy as np
 
 from vemlight.light.light_set import LightSet
 from vemlight.light.sphere import Coverage
-from vemlight.sampler.hard_probes import SLICES, hard_probes, relative_squares, slice_of_probes
+from vemlight.sampler.hard_probes import HARD_PROBES, SLICES, hard_probes, relative_squares, slice_of_probes
 from vemlight.sampler.tracking.tiles import Tiles
 
 LIMIT = 0.84  # of the error asked for: 0.8 but for the standard error, a twentieth where all probes matter alike
 LADDER_START, LADDER_STEPS = 4, 4  # the smallest number of lights that is tried, and numbers an octave
 ERROR_ORDER = 0.7  # the error falls with about this power of the number of lights, of points and of soft ones
+# Probes by which lights are first chosen and become more: in the shadow of a few strong lamps one probe in 400 may have most of the error,
+# behind the edge of a sun one in 4000. More are asked, 4 and 10 ms, where the fewer do not tell whether the limit is kept.
+DECIDING_PROBES = (4 * HARD_PROBES, 16 * HARD_PROBES)
+SURE = 2.0  # standard errors, by which a limit is surely exceeded
 MAX_RISE = 2.0  # by which the number is multiplied at once: too few lights for the lamps there are say how bad it is, not how many it takes
 TILE_LIGHTS = 300  # that tiles are made for where the lights need none: 1700 to 2000, each in error by less than 1 %
 ALARM = 1.1  # times a slice's error when it was last looked at, above which all probes are,
@@ -39,20 +43,37 @@ class ErrorEstimate(NamedTuple):
     @property
     def error(self) -> float:
         """Relative error, RMS over all probes, no larger unless by more than the standard error of its square."""
-        return float(np.sqrt(self.squares.mean() + self.squares.std() / np.sqrt(SLICES - 1)))
+        return float(np.sqrt(self.squares.mean() + self._standard_error))
+
+    @property
+    def _standard_error(self) -> float:
+        """Of the mean square."""
+        return float(self.squares.std() / np.sqrt(SLICES - 1))
 
     def keeps(self, error: float) -> bool:
         """Whether it is within LIMIT of `error`."""
         return self.error <= LIMIT * error
 
+    def surely_exceeds(self, error: float) -> bool:
+        """Whether more probes would say, too, that it is not."""
+        return self.squares.mean() - SURE * self._standard_error > (LIMIT * error) ** 2
+
 
 NO_ESTIMATE = ErrorEstimate(np.zeros(SLICES), 0, 0, np.zeros(4))
 
 
-def estimate_of(tiles: Tiles, lights: LightSet, coverage: Coverage) -> ErrorEstimate:
-    """By all probes."""
-    squares = relative_squares(hard_probes(coverage), tiles, lights)
+def estimate_of(tiles: Tiles, lights: LightSet, coverage: Coverage, count: int = HARD_PROBES) -> ErrorEstimate:
+    """By all probes, or so many of their sequence."""
+    squares = relative_squares(hard_probes(coverage, end=count), tiles, lights)
     return ErrorEstimate(squares.reshape(-1, SLICES).mean(axis=0, dtype=np.float64), 0, len(lights.ids), _moment(tiles))
+
+
+def deciding_estimate(tiles: Tiles, lights: LightSet, coverage: Coverage, error: float) -> ErrorEstimate:
+    """By as many of DECIDING_PROBES as tell whether the lights keep within LIMIT of `error`."""
+    few, many = DECIDING_PROBES
+    estimate = estimate_of(tiles, lights, coverage, few)
+    decided = estimate.keeps(error) or estimate.surely_exceeds(error)
+    return estimate if decided else estimate_of(tiles, lights, coverage, many)
 
 
 def _moment(tiles: Tiles) -> np.ndarray:

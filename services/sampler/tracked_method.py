@@ -4,7 +4,7 @@ import numpy as np
 
 from vemlight.light.colour import luminance_from_rgb
 from vemlight.light.light_set import LightSet
-from vemlight.sampler.error_limit import estimate_after, estimate_of, extrapolated, smallest_within
+from vemlight.sampler.error_limit import deciding_estimate, estimate_after, estimate_of, extrapolated, smallest_within
 from vemlight.sampler.light_count import count_after
 from vemlight.sampler.light_map import light_map
 from vemlight.sampler.sampler_input import SamplerInput
@@ -69,13 +69,19 @@ def _within_error(
 
     def error_of(count: int) -> float:
         _, lights, tiles = lit(count)
-        return estimate_of(tiles, lights, coverage).error
+        return deciding_estimate(tiles, lights, coverage, error).error
 
     count = min(in_use.count, max_count) if in_use else smallest_within(error, max_count, error_of)
     tracked, lights, tiles = lit(count)
-    estimate = estimate_after(state.error_estimate, tiles, lights, coverage, error)
+    if in_use:
+        estimate = estimate_after(state.error_estimate, tiles, lights, coverage, error)
+    else:
+        estimate = deciding_estimate(tiles, lights, coverage, error)
     for _ in range(COUNT_TRIALS):
         if count == max_count or estimate.keeps(error):
+            break
+        estimate = deciding_estimate(tiles, lights, coverage, error)
+        if estimate.keeps(error):
             break
         count = extrapolated(count, estimate.error, error, max_count)
         tracked, lights, tiles = lit(count)

@@ -44,9 +44,12 @@ MUTANTS = [
         SAMPLER + "error_limit.py",
         "tests/test_error_limit.py",
         [
+            ("few probes decide", "(4 * HARD_PROBES, 16 * HARD_PROBES)", "(HARD_PROBES, HARD_PROBES)"),
+            ("no more where they do not tell", "(4 * HARD_PROBES, 16 * HARD_PROBES)", "(4 * HARD_PROBES, 4 * HARD_PROBES)"),
+            ("doubt is sure", "SURE = 2.0", "SURE = 0.0"),
             ("the limit itself", "\nLIMIT = 0.84", "\nLIMIT = 1.05"),
             ("half the limit", "\nLIMIT = 0.84", "\nLIMIT = 0.42"),
-            ("an estimate without its own error", "+ self.squares.std() / np.sqrt(SLICES - 1)", ""),
+            ("an estimate without its own error", "+ self._standard_error", ""),
             ("steps an octave", "LADDER_START, LADDER_STEPS = 4, 4", "LADDER_START, LADDER_STEPS = 4, 2"),
             ("rise at once", "MAX_RISE = 2.0", "MAX_RISE = 8.0"),
             ("no alarm of a slice", "ALARM = 1.1", "ALARM = 11"),

@@ -93,6 +93,15 @@ def test_as_many_probes_decide_as_tell_whether_the_limit_is_kept(seed):
     assert len(lights.ids) <= 54
 
 
+def test_an_estimate_says_its_standard_error_more_and_is_sure_two_of_them_less():
+    uneven = NO_ESTIMATE._replace(squares=np.append(float(SLICES), np.zeros(SLICES - 1)))  # of mean 1 and deviation sqrt(SLICES - 1)
+    assert uneven.error == pytest.approx(np.sqrt(2))
+    even = NO_ESTIMATE._replace(squares=np.tile([0.9, 1.1], SLICES // 2))  # of deviation 0.1
+    below = np.sqrt(1 - 2 * 0.1 / np.sqrt(SLICES - 1)) / LIMIT
+    assert even.surely_exceeds(0.999 * below)
+    assert not even.surely_exceeds(1.001 * below)
+
+
 def test_a_sun_that_wanders_over_the_cells_takes_no_more_lights():
     """One probe in whose shadow half the sun is all that is seen tells nothing of the others: 128 lights would cut the sun."""
     theta, phi = (np.arange(90) + 0.5) * np.pi / 180, (np.arange(360) + 0.5) * np.pi / 180

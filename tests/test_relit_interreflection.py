@@ -5,7 +5,7 @@ import pytest
 from msgspec import structs
 
 from tests.support.browser import CHROMIUM
-from tests.support.relit_comparison import lights_of, relative_error, sky_and_lights
+from tests.support.relit_comparison import lights_of, off_edges, relative_error, sky_and_lights
 from tests.support.relit_page import RelitPage
 from tests.support.rendering import SceneRenderer
 from vemlight.light.environment_map import EnvironmentMap
@@ -63,6 +63,19 @@ def test_a_mirror_over_a_red_floor_is_red_below(opened):
     assert (ball[:, 0] > 0).all()
     # Red over green of the floor is 30; each lamp's own image in the ball adds white.
     assert np.median(ball[:, 0] / np.maximum(ball[:, 1], 1e-9)) > 15
+
+
+@pytest.mark.skipif(library() is None, reason="Embree is not installed")
+def test_no_ray_of_a_round_mirror_meets_the_mirror(opened):
+    """On a ground that sends nothing up such rays are black dots in the mirrored sky."""
+    text = RED_FLOOR.replace("diffuse = [0.6, 0.02, 0.02]", "catcher = true").replace("from = [0.0, -4.0, 1.0]", "from = [0.0, -4.0, 2.0]")
+    scene, page = opened(text, LARGE)
+    environment, lights = sky_and_lights("hemisphere")
+    _, server = interreflected(scene, lights, None, environment)
+    browser = page.picture(lights, environment=environment)
+    where = off_edges(server) & (server.min(axis=2) > 0)
+    assert where[60:90, 90:150].mean() > 0.5, "much of the ball's upper half"
+    assert (browser > 0.5 * server)[where].all()
 
 
 def test_a_closed_sphere_receives_of_itself_what_it_reflects(opened):

@@ -25,7 +25,7 @@ BROWSER_SHADERS = (
 )  # fmt: skip
 # Those that no other dialect needs, where a processor follows the rays, lie beside this file.
 FILES = SHADERS | {path.name: path for path in Path(__file__).parent.iterdir() if path.suffix in (".glsl", ".frag", ".vert")}
-RAY_LIFT = 1e-4  # of the distance to the eye, by which rays begin off a surface: a triangle's places are interpolated to a few 1e-5
+RAY_LIFT = 2e-4  # of the distance to the eye, by which rays begin off a surface that is seen from before it
 HEAD = "#version 300 es\n"
 PRECISION = "".join(f"precision highp {kind};\n" for kind in ("float", "int", "sampler2D", "sampler2DArray"))
 AS_FRACTIONS = {"GUTTER": GUTTER, "NORMAL_CODES": NORMAL_CODES}  # whole numbers with which shaders reckon

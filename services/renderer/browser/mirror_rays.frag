@@ -8,6 +8,8 @@
 #include "scene_hits.glsl"
 #include "mirror_laws.glsl"
 
+const float LEAST_COSINE = 0.1;  // of a view, below which rays begin no farther off; 0.05 to 0.2 would do
+
 layout(location = 0) out vec4 place;  // w: 0 where the ray meets nothing
 layout(location = 1) out vec4 normals;
 layout(location = 2) out vec4 diffuse;
@@ -35,7 +37,8 @@ void main() {
     vec2 u = MIRROR_PATTERN[4 * (pixel.y & 3) + (pixel.x & 3)];
     vec3 direction = mirrored_ray(kind, lobe, surface_smooth_normal(pixel), view, vec2(MIRROR_MOST * u.x, u.y));
     direction -= min(2.0 * dot(flat_normal, direction), 0.0) * flat_normal;  // out of the surface
-    vec3 from = position.xyz + flat_normal * (RAY_LIFT * distance(position.xyz, eye));
+    // Rasterisers round edges to a 16th of a pixel, by which a place may lie beyond its triangle: farther where the view grazes it.
+    vec3 from = position.xyz + flat_normal * (RAY_LIFT * distance(position.xyz, eye) / max(dot(flat_normal, view), LEAST_COSINE));
     SceneHit hit = nearest_hit(from, direction);
     if (hit.triangle < 0) discard;
     Found there = found(hit, direction);

@@ -1,5 +1,6 @@
 """ICC profiles by their numbers: what is sRGB by its name may be linear."""
 
+import resource
 import struct
 
 import numpy as np
@@ -60,6 +61,12 @@ def test_primaries(primaries):
 def test_what_says_nothing():
     for content in (b"", b"garbage" * 30, profile(b"mft1"), profile(SRGB, space=b"CMYK"), profile(SRGB, more={b"A2B0": b"mft2"})):
         assert tags_of_profile(content) == ColourTags()
+
+
+def test_a_table_that_promises_more_than_there_is_costs_nothing():
+    started = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert tags_of_profile(profile(b"curv\0\0\0\0\xff\xff\xff\xff\0\0")) == ColourTags()
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - started < 100_000  # kB
 
 
 def test_numbers_of_h_273_and_gray():

@@ -23,6 +23,13 @@ PARAMETERS = (1, 3, 4, 5, 7)  # of the five kinds of curve by formula
 def tags_of_profile(profile: bytes) -> ColourTags:
     """What an RGB or gray profile says, with None for a curve or primaries that have no name here, and for what is no profile."""
     try:
+        return _said(profile)
+    except (struct.error, KeyError, ValueError, IndexError):
+        return ColourTags()
+
+
+def _said(profile: bytes) -> ColourTags:
+    with np.errstate(all="ignore"):  # a damaged curve has any numbers
         tags = _tags(profile)
         if number := tags.get(b"cicp"):
             primaries, transfer, *_ = struct.unpack_from("4B", number, 8)
@@ -33,8 +40,6 @@ def tags_of_profile(profile: bytes) -> ColourTags:
             return ColourTags()
         colorants = np.stack([np.array(struct.unpack_from(">3i", tags[name], 8)) / 65536 for name in (b"rXYZ", b"gXYZ", b"bXYZ")], axis=1)
         return ColourTags(_curve_name([tags[b"rTRC"], tags[b"gTRC"], tags[b"bTRC"]]), _primaries_name(colorants))
-    except (struct.error, KeyError, ValueError, IndexError):
-        return ColourTags()
 
 
 def _tags(profile: bytes) -> dict[bytes, bytes]:
@@ -59,7 +64,9 @@ def _light(curve: bytes) -> np.ndarray:
     """The light of SIGNAL by a curve: a table, a power, or a formula (ICC.1:2022, 10.6 and 10.18)."""
     if curve[:4] == b"curv":
         (count,) = struct.unpack_from(">I", curve, 8)
-        values = np.array(struct.unpack_from(f">{count}H", curve, 12), np.float64) if count <= len(curve) else np.zeros(0)
+        if 12 + 2 * count > len(curve):
+            raise ValueError("a table that is longer than its tag")
+        values = np.array(struct.unpack_from(f">{count}H", curve, 12), np.float64)
         if count == 0:
             return SIGNAL
         return SIGNAL ** (values[0] / 256) if count == 1 else np.interp(SIGNAL, np.linspace(0, 1, count), values / 65535)

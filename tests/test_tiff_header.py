@@ -91,6 +91,11 @@ def test_samples_that_are_not_read_are_named(tmp_path, changed, said):
 
 def test_a_header_that_is_cut_off_is_said(tmp_path):
     data = tiff(pixels_of(np.uint16, False))
+    far = bytearray(tiff(pixels_of(np.uint16, False), big=True))
+    far[8:16] = b"\xff" * 8
+    (tmp_path / "far.tif").write_bytes(far)
+    with pytest.raises(UserError, match="header is cut off"):
+        read_codes(tmp_path / "far.tif")
     for length in (5, 16, len(data) - 40):
         (tmp_path / "a.tif").write_bytes(data[:length])
         with pytest.raises(UserError, match="header is cut off"):

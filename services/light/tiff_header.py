@@ -40,7 +40,7 @@ def stored_tiff(path: Path, data: bytes) -> StoredTiff:
             tags.get(tag, ((default,), 0, ""))[0]
             for tag, default in ((BITS, 1), (SAMPLE_FORMAT, 1), (PHOTOMETRIC, 2), (ORIENTATION, UPRIGHT), (PLANAR, 1), (COMPRESSION, 1))
         )
-    except (struct.error, KeyError, ValueError) as error:
+    except (struct.error, KeyError, ValueError, OverflowError) as error:  # OverflowError: offsets of 64 bits
         raise UserError(f"{path}: its TIFF header is cut off or damaged; copy it again") from error
     if number in NUMBERS:
         raise UserError(

@@ -84,7 +84,8 @@ def test_a_name_like_our_own_is_a_number_too(session):
     ("name", "content", "line"),
     [
         ("sky.hdr", b"", "is no file of a known kind"), ("sky.hdr", b"\x7fELF" + bytes(99), "is a program"),
-        ("sky.hdr", b"PK\x03\x04" + bytes(99), "is a ZIP archive"), ("sky.exr", b"<html>", "is no file of a known kind"),
+        ("sky.hdr", b"PK\x03\x04" + bytes(99), "is a ZIP archive"), ("sky.exr", b"words", "is no file of a known kind"),
+        ("sky.exr", b"<html>", "is a web page"),
         ("sky.exr", b"glTF" + bytes(99), "is a glTF scene"), ("sky.exr", bytes(99), "is a binary file"),
     ],
 )  # fmt: skip

@@ -86,6 +86,16 @@ def test_browser_draws_once_asked_and_says_what_it_costs(opened):
     assert "72 lights" in line.inner_text()
 
 
+def test_late_pictures_lose_the_bounce_before_they_lose_pixels(opened):
+    """Of LEVELS, 0 is all; two pictures in turn must be late, or early, and the first after a change makes textures."""
+    levels = opened.evaluate("""async () => {
+        const { Relit } = await import("/relit.js"), own = { level: 0 };
+        const times = [...Array(9).fill(300), ...Array(2).fill(100), ...Array(9).fill(10)];
+        return times.map((ms) => (Relit.prototype.fit.call(own, ms), own.level));
+    }""")
+    assert levels == [0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 3, 3, 2, 2, 2, 1, 1, 1, 0, 0]
+
+
 def test_the_sky_comes_while_the_browser_draws_and_seldom(opened, software_gl_browser):
     page = software_gl_browser.new_page()
     came: list[float] = []

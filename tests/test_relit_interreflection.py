@@ -6,7 +6,7 @@ from msgspec import structs
 
 from tests.support.browser import CHROMIUM
 from tests.support.relit_comparison import lights_of, off_edges, relative_error, sky_and_lights
-from tests.support.relit_page import RelitPage
+from tests.support.relit_page import RelitPage, frame_bytes
 from tests.support.rendering import SceneRenderer
 from vemlight.light.environment_map import EnvironmentMap
 from vemlight.light.light_set import LightSet
@@ -40,6 +40,24 @@ shape = "sphere"
 at = [0.0, 0.0, 1.0]
 material = {base_color = [1.0, 1.0, 1.0], metallic = 1.0, roughness = 0.05}
 """
+
+# Of pictures of the same lights, of the same anew, and without time for a bounce: how often surfels are lit for each, and the last.
+GATHERED = """({ bytes, width, height }) => {
+    const lights = () => lightsFromBytes(Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0)).buffer).directional;
+    const frame = { view: scene.cameras[0], near: [], poses: [], tone: { scale: 1, white: 0 }, width, height }, { lightPoints } = drawing;
+    let count = 0;
+    drawing.lightPoints = (values, area) => { // an area: of surfels
+        count += area !== undefined;
+        lightPoints.call(drawing, values, area);
+    };
+    const counted = (lights, bounces) => {
+        count = 0;
+        drawing.draw({ ...frame, lights, bounces });
+        return count;
+    };
+    const same = lights(), counts = [same, same, same, lights()].map((now) => counted(now, true));
+    return { counts: [...counts, counted(lights(), false)], pixels: [...drawing.readLinear()] };
+}"""
 
 
 @pytest.fixture
@@ -146,3 +164,18 @@ def test_what_moved_is_found_where_it_is(opened):
     _, page = opened(text.replace("HEIGHT", "0.6"))
     there = page.picture(lights, times=SETTLED)
     assert relative_error(moved, there, 0.1) < 0.02  # of 32 rays a surfel, other ones, where its edges were cut elsewhere
+
+
+def test_surfels_are_lit_once_for_each_light_and_not_without_time_for_it(opened):
+    lights, size = lights_of(24), (DRAWING.width, DRAWING.height)
+    _, page = opened(RED_FLOOR)
+    page.picture(lights, times=SETTLED)
+    made = page.page.evaluate(GATHERED, {"bytes": frame_bytes(lights), "width": size[0], "height": size[1]})
+    assert made["counts"] == [1, 0, 0, 1, 0]
+    text = RED_FLOOR.replace("base_color = [1.0, 1.0, 1.0], metallic = 1.0, roughness = 0.05", "diffuse = [0.8, 0.8, 0.8]")
+    _, page = opened(text)
+    lit = page.picture(lights, times=SETTLED)
+    made = page.page.evaluate(GATHERED, {"bytes": frame_bytes(lights), "width": size[0], "height": size[1]})
+    without = np.reshape(made["pixels"], (size[1], size[0], 4))[..., :3]
+    _, page = opened(text, structs.replace(DRAWING, bounces=0))
+    assert relative_error(without, page.picture(lights)) < 0.01 < relative_error(lit, without)

@@ -7,10 +7,11 @@ import { contextOf, SceneDrawing } from "/relit_draw.js";
 import { environmentFromBytes } from "/relit_environment.js";
 
 const WINDOW_MS = 1000; // over which frames and bytes are counted
-// A picture that takes longer has half the pixels in width and height, one that takes less has them again: software draws 640 x 480 pixels under
-// 72 lights in about a second. Between them a factor of 4 and some, which the pixels cost.
+// What a picture is made of, from all to the least. One that takes longer than SLOW_MS goes down, one that takes less than FAST_MS up again: software
+// draws 640 x 480 pixels under 72 lights in about a second. Between them a factor of 4 and some, which the pixels cost; light from surface to surface
+// costs about 2. shrunk: by which width and height are smaller than the server's.
 const SLOW_MS = 200, FAST_MS = 35;
-const MOST_SHRUNK = 4;
+const LEVELS = [{ shrunk: 1, bounces: true }, { shrunk: 1, bounces: false }, { shrunk: 2, bounces: false }, { shrunk: 4, bounces: false }];
 const AGAIN_MS = 2000; // after a scene that did not come, until it is asked for again. 1 to 10 s would do
 const at = (id) => document.getElementById(id);
 
@@ -27,7 +28,7 @@ export class Relit {
     this.state = { tone: null, objects: [] };
     this.counted = []; // of the last second: [when, frames, bytes]
     this.dirty = this.waiting = false;
-    this.shrunk = 1; // by which width and height are smaller than the server's
+    this.level = 0; // of LEVELS
     this.onMode = () => {};
     for (const key of document.querySelectorAll("[data-relit]")) key.addEventListener("click", () => this.show(key.dataset.relit));
     this.slider.addEventListener("input", () => this.split());
@@ -228,11 +229,11 @@ export class Relit {
     });
   }
 
-  // As many pixels as there is time for. The first picture after a change of the size makes its textures.
+  // As much as there is time for. The first picture after a change of the size makes its textures.
   fit(ms) {
-    const wanted = ms > SLOW_MS ? Math.min(2 * this.shrunk, MOST_SHRUNK) : ms < FAST_MS ? Math.max(this.shrunk / 2, 1) : this.shrunk;
-    if (wanted === this.shrunk) this.changes = 0;
-    else if ((this.changes = (this.changes ?? 0) + 1) > 1) [this.shrunk, this.changes] = [wanted, -1];
+    const wanted = ms > SLOW_MS ? Math.min(this.level + 1, LEVELS.length - 1) : ms < FAST_MS ? Math.max(this.level - 1, 0) : this.level;
+    if (wanted === this.level) this.changes = 0;
+    else if ((this.changes = (this.changes ?? 0) + 1) > 1) [this.level, this.changes] = [wanted, -1];
   }
 
   // Whether there was something to draw.
@@ -240,8 +241,9 @@ export class Relit {
     this.dirty = false;
     if (!this.drawing || !this.frame || this.lost) return false;
     try {
-      const [width, height] = this.scene.description.size.map((side) => Math.max(Math.round(side / this.shrunk), 1)), { directional, near } = this.frame;
-      this.drawn = this.drawing.draw({ view: this.view, lights: directional, near, poses: this.poses(), tone: this.state.tone, width, height });
+      const { shrunk, bounces } = LEVELS[this.level], { directional, near } = this.frame;
+      const [width, height] = this.scene.description.size.map((side) => Math.max(Math.round(side / shrunk), 1));
+      this.drawn = this.drawing.draw({ view: this.view, lights: directional, near, poses: this.poses(), tone: this.state.tone, width, height, bounces });
     } catch (error) {
       if (this.gl.isContextLost()) return false; // which the canvas is told of soon
       this.free();
@@ -271,10 +273,12 @@ export class Relit {
     if (this.lost) return "The graphics driver of this machine has taken the picture away; it comes back as soon as the driver is ready.";
     if (!this.drawing) return `Not drawn in this browser: ${this.why}.`;
     if (!this.frame) return "Waiting for lights …";
-    const { lights = 0, near = 0, left: weaker = 0, coarser = 0, settled = true } = this.drawn ?? {}, without = [...this.scene.description.left_out, ...this.drawing.missing];
+    const { lights = 0, near = 0, left: weaker = 0, coarser = 0, settled = true } = this.drawn ?? {}, { shrunk, bounces } = LEVELS[this.level];
+    const late = this.drawing.bounce && !bounces ? ["light from surface to surface, for which this machine has no time"] : [];
+    const without = [...this.scene.description.left_out, ...this.drawing.missing, ...late];
     const all = `${lights} lights${near ? `, ${near} of them near` : ""}${weaker ? ` (${weaker} weaker ones are left out)` : ""}`;
     const coarse = coarser ? ` Shadow maps are ${2 ** coarser} times coarser than the settings', for which this browser has no room.` : "";
-    const small = this.shrunk > 1 ? ` It has 1/${this.shrunk ** 2} of the server's pixels, as many as this machine draws in time.` : "";
+    const small = shrunk > 1 ? ` It has 1/${shrunk ** 2} of the server's pixels, as many as this machine draws in time.` : "";
     const left = without.length ? ` Without ${without.join(", ")}.` : "";
     const found = settled ? "" : " Light from surface to surface is still being found.";
     return `This browser draws ${frames ? `${frames} picture${frames > 1 ? "s" : ""}` : "less than one picture"} a second under ${all}, from ${(bytes / 1000).toFixed(1)} kB a second.${small}${coarse}${left}${found}`;

@@ -22,7 +22,7 @@ export class Bounce {
     this.irradiance = this.storage(gl.RGBA32F, this.side, this.side);
     [this.linkFrame, this.sentFrame, this.frame] = [this.links, this.sent, this.irradiance].map((texture) => drawing.frameOf([texture]));
     this.ofVertices = rays.perVertex((vertex, k) => [arrays.vertex_surfels[2 * vertex] & 0xffff, description.meshes[k].back || -1]);
-    [this.known, this.next, this.stale] = [0, 0, this.count];
+    [this.known, this.next, this.stale, this.light] = [0, 0, this.count, []];
   }
 
   get settled() {
@@ -46,8 +46,10 @@ export class Bounce {
     this.stale = this.count;
   }
 
-  // Finds what each surfel receives under the lights. ground: albedo of catchers.
-  gather(ground) {
+  // Finds what each surfel receives under the lights, once for each of them. ground: albedo of catchers; light: what the lights are, by identity.
+  gather(ground, light) {
+    if (!this.stale && light.every((part, k) => part === this.light[k])) return;
+    this.light = light;
     const { gl, drawing, side } = this, { programs } = drawing, [surface_places, surface_normals, surface_diffuse, surface_emission] = this.textures;
     const values = { surface_places, surface_normals, surface_diffuse, surface_emission }, area = [0, 0, side, side];
     if (drawing.catches) this.colourGround(ground);

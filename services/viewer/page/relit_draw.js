@@ -52,12 +52,13 @@ export class SceneDrawing {
   }
 
   // Draws a frame into the canvas.
-  // view: { from, at, fov_y }; lights: directional ones, and near: the others, of lightsFromBytes(); poses: of objects; tone: { scale, white }.
+  // view: { from, at, fov_y }; lights: directional ones, and near: the others, of lightsFromBytes(); poses: of objects; tone: { scale, white };
+  // bounces: whether there is time for light from surface to surface.
   // Returns { lights, near, left, points, maps, coarser }: how many were drawn, near ones among them, and how many there was no room for; as how many
   // points; how many lights' shadow maps were drawn anew; how often all maps were halved so that they fit; settled: whether the next
   // picture of the same will be the same.
-  draw({ view, lights, near, poses, tone, width, height }) {
-    const { gl, scene } = this, matrices = worldFromRest(scene, poses), lit = withPower(lights), shown = strongest(lit);
+  draw({ view, lights, near, poses, tone, width, height, bounces = true }) {
+    const bounce = bounces ? this.bounce : null, { gl, scene } = this, matrices = worldFromRest(scene, poses), lit = withPower(lights), shown = strongest(lit);
     const cut = pointsOf(shown, this.laws), points = this.environment.map ? withReflection(cut, this.environment.map, this.laws) : cut;
     const boxes = scene.objects.map((mesh, k) => (matrices[k] ? boxOf(boxCorners(mesh.box).flatMap((corner) => transformed(matrices[k], corner, 1))) : mesh.box));
     const anew = this.fit(width, height);
@@ -65,9 +66,9 @@ export class SceneDrawing {
     const nearMaps = this.near.drawMaps(near, matrices, boxes), nearCount = this.near.lights.length;
     const moved = this.sceneRays?.place(matrices), ground = this.catches ? this.groundAlbedo(view, points, matrices) : [0, 0, 0];
     if (moved) this.bounce?.place(matrices);
-    this.bounce?.gather(ground);
+    bounce?.gather(ground, [lights, near, this.environment.map, ...ground]);
     this.drawSurfaces(view, matrices, boxes);
-    this.sumLights(view, points, matrices, ground);
+    this.sumLights(view, points, matrices, ground, bounce);
     if (this.laws.EMISSION) this.addEmission(this.surfaceTextures());
     if (this.environment.map && this.laws.BACKGROUND) this.environment.drawBehind(this.rays, this.catches ? this.matte : null);
     this.show(tone ?? NO_TONE);
@@ -75,7 +76,7 @@ export class SceneDrawing {
     if (anew) checkErrors(gl); // seldom, since it waits
     return {
       lights: shown.length + nearCount, near: nearCount, left: lit.length - shown.length, points: this.shadows.count, maps: maps + nearMaps,
-      coarser: this.shadows.coarser, settled: this.bounce?.settled ?? true,
+      coarser: this.shadows.coarser, settled: bounce?.settled ?? true,
     };
   }
 
@@ -110,8 +111,8 @@ export class SceneDrawing {
     });
   }
 
-  // The sum over the lights.
-  sumLights(view, points, matrices, ground) {
+  // The sum over the lights. bounce: that is added to it, if any.
+  sumLights(view, points, matrices, ground, bounce) {
     const { gl } = this;
     for (const frame of [this.picture.frame, this.picture.lobes, this.picture.matte]) {
       if (!frame) continue;
@@ -131,7 +132,7 @@ export class SceneDrawing {
     this.near.add(surfaces, this.kinds.filter((kind) => kind !== this.laws.KIND_SHADOW_CATCHER));
     if (this.environment.map && this.environment.glossy && points.length) this.environment.addReflected({ ...surfaces, lobe_visibility: this.lobes }, this.mirrors?.scene);
     this.mirrors?.add(surfaces);
-    this.bounce?.add(surfaces);
+    bounce?.add(surfaces);
   }
 
   // Sums the lights for surfaces of a kind, into the frame that is bound.

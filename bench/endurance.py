@@ -56,7 +56,9 @@ class MovingScene:
 
     def frame(self, k: int) -> None:
         turn = 0.01 * k
-        ball = Pose(name="ball", position=(3.6 + np.sin(turn), -0.5 + np.cos(turn), 0.6), rotation=quaternion_xyz((0.0, 57 * turn, 0.0)))
+        ball = Pose(
+            name="ball", position=(3.6 + np.sin(turn), -0.5 + np.cos(turn), 0.6), rotation=quaternion_xyz((0.0, 57 * turn, 0.0))
+        )
         lamp = Pose(
             name="left headlight", position=(-0.25, 0.45, 0.7), rotation=quaternion_xyz((0.0, 95.0, 20 * np.sin(turn))), power=1 + k % 2
         )

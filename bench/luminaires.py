@@ -52,15 +52,8 @@ PAPER_PRECOMPUTED_MS = {(63, 300): 513, (25, 256): 129, (99, 256): 527}  # Lu et
 
 
 def headlight() -> LightField:
-    lamp = ReflectorLamp(
-        aperture_radius_m=0.03,
-        focal_m=0.007,
-        ball_radius_m=0.002,
-        offset_m=(0.001, 0.0, 0.0),
-        radiance=(4e6, 3.5e6, 2.6e6),
-        facets=20,
-        facet_tilt=0.08,
-    )
+    lamp = ReflectorLamp(aperture_radius_m=0.03, focal_m=0.007, ball_radius_m=0.002, offset_m=(0.001, 0.0, 0.0),
+                         radiance=(4e6, 3.5e6, 2.6e6), facets=20, facet_tilt=0.08)
     planes = AcquisitionPlanes("bell", 0.0075, 9, 7, 0.12, (0.14, 0.14), 96, 96)
     return measured_lamp(lamp, planes, compact_dual("bell", 4), per_spacing=6, name="headlight")
 
@@ -216,10 +209,8 @@ def shadows(out: Path) -> None:
     lit: dict[str, Any] = {"at": (-2.2, -1.6, 1.2), "rotate": (0.0, 108.0, 25.0), "method": "sampled", "samples": 200}
     truth = pictured(with_lamp(demo, field, **lit, shadows="traced"), (160, 120))
     tried: list[tuple[str, shadow_views.ReferencePlane, str, int]] = [
-        ("none", "sampling", "none", 16),
-        ("measurement plane, 2015", "measurement", "maps", 192),
-        ("sampling plane", "sampling", "maps", 64),
-        ("sampling plane", "sampling", "maps", 192),
+        ("none", "sampling", "none", 16), ("measurement plane, 2015", "measurement", "maps", 192),
+        ("sampling plane", "sampling", "maps", 64), ("sampling plane", "sampling", "maps", 192),
         ("sampling plane", "sampling", "maps", 384),
     ]
     rows = []
@@ -234,13 +225,8 @@ def shadows(out: Path) -> None:
 def search(out: Path) -> None:
     """Probes in a CDF of 300 entries: binary, regula falsi (the secant variant of 2015), and the two in turns."""
     rng, x = np.random.default_rng(1), np.linspace(-1, 1, 300)
-    shapes = {
-        "uniform": np.ones(300),
-        "smooth bump": np.exp(-4 * x**2),
-        "narrow peak": np.exp(-400 * x**2) + 1e-4,
-        "ramp": np.exp(8 * x),
-        "random HDR": np.exp(2 * rng.normal(size=300)),
-    }
+    shapes = {"uniform": np.ones(300), "smooth bump": np.exp(-4 * x**2), "narrow peak": np.exp(-400 * x**2) + 1e-4, "ramp": np.exp(8 * x),
+              "random HDR": np.exp(2 * rng.normal(size=300))}
     rows = []
     for name, density in shapes.items():
         edges = np.concatenate([[0], np.cumsum(density)]) / density.sum()
@@ -296,15 +282,12 @@ def polygon_scene(polygons: int) -> Scene:
     box = shape_geometry("box")
     parts = [Mesh("ground", shape_geometry("plane").moved(np.eye(3) * 4.5, np.zeros(3)), load_scene(SHAPES).meshes[0].material)]
     side = int(np.ceil(np.sqrt(polygons / 12)))
-    stack = [
-        box.moved(np.eye(3) * 1.2 / side, np.array([(i + 0.5) / side * 6 - 3, (j + 0.5) / side * 6 - 3, 1.2 / side]))
-        for i, j in np.ndindex(side, side)
-    ][: polygons // 12]
+    stack = [box.moved(np.eye(3) * 1.2 / side, np.array([(i + 0.5) / side * 6 - 3, (j + 0.5) / side * 6 - 3, 1.2 / side]))
+             for i, j in np.ndindex(side, side)][: polygons // 12]
     first = np.arange(len(stack)) * len(box.positions)
     triangles = np.concatenate([g.triangles + np.uint32(k) for g, k in zip(stack, first, strict=True)])
-    joined = stack[0]._replace(
-        positions=np.concatenate([g.positions for g in stack]), normals=np.concatenate([g.normals for g in stack]), triangles=triangles
-    )
+    joined = stack[0]._replace(positions=np.concatenate([g.positions for g in stack]), normals=np.concatenate([g.normals for g in stack]),
+                               triangles=triangles)
     if hasattr(joined, "uvs"):
         joined = joined._replace(uvs=np.concatenate([g.uvs for g in stack]))
     parts.append(Mesh("boxes", joined, parts[0].material))
@@ -325,7 +308,6 @@ def _frame_ms(scene: Scene, size: tuple[int, int]) -> tuple[float, str]:
     def frame() -> None:
         at = table.at[0], table.at[1], table.at[2] + 1e-3 * next(step)
         renderer.render(DARK, pose=scene_pose(scene, 0.0, [msgspec.structs.replace(lamp, position=at)]))
-
     try:
         median_s(frame, 1)  # compiles
         first_s = median_s(frame, 1)

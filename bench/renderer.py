@@ -199,11 +199,8 @@ def main() -> None:
         print(f"{row[0]:32} {row[1]:9d}  {row[2]:12} {row[3]:8.1f} ms (least {row[4]:.1f})", flush=True)
     with (given.out / "renderer_passes.csv").open("w", newline="") as file:
         csv.writer(file).writerows([("grows", "size", "pass", "median_ms", "least_ms"), *rows])
-    chart(
-        rows,
-        f"python -m bench.renderer; 16,206 triangles, 72 lights, maps of 256 x 256, 320 x 240 unless stated otherwise; {machine}",
-        given.out / "renderer_passes.png",
-    )
+    chart(rows, f"python -m bench.renderer; 16,206 triangles, 72 lights, maps of 256 x 256, 320 x 240 unless stated otherwise; {machine}",
+          given.out / "renderer_passes.png")
     table = []
     for row in speed(given.frames):
         table.append(row)

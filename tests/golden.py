@@ -82,7 +82,9 @@ def messages() -> dict[str, wire.Message]:
             (np.zeros(0, np.int64), *4 * [np.zeros((0, 3), np.float32)]),
         ),
         "points": (
-            wire.PointsMessage(stamp=STAMP, count=2, at=(0.0, 0.25, 1.5), report=PointsReport(cameras=3, near_lights=2, spread_ms=1.5)),
+            wire.PointsMessage(
+                stamp=STAMP, count=2, at=(0.0, 0.25, 1.5), report=PointsReport(cameras=3, near_lights=2, spread_ms=1.5)
+            ),
             (
                 np.array([3, 2**40], np.int64),
                 np.array([[1, 2, 2.5], [-3, 0, 4]], np.float32),
@@ -122,21 +124,10 @@ def messages() -> dict[str, wire.Message]:
         ),
         "control": (
             wire.ControlMessage(
-                count=144,
-                exposure=-0.5,
-                filtered=False,
-                paused=True,
-                armed=True,
-                blackout=False,
-                poses=(box, lamp),
+                count=144, exposure=-0.5, filtered=False, paused=True, armed=True, blackout=False, poses=(box, lamp),
                 masks=(Mask(points=((10.0, 20.0), (40.0, 20.0), (25.0, 50.0))), stroke),
                 lamps=(VirtualLamp(id=1, azimuth_deg=120.0, elevation_deg=35.0, irradiance=(3.0, 2.5, 2.0)),),
-                speed=0.5,
-                loop=False,
-                in_s=0.2,
-                out_s=1.0,
-                seek_number=3,
-                seek_s=0.4,
+                speed=0.5, loop=False, in_s=0.2, out_s=1.0, seek_number=3, seek_s=0.4,
                 camera=View(eye=(0.0, -4.0, 2.0), at=(0.0, 0.0, 1.0), fov_y=35.0),
             ),
             (),

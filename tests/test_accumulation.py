@@ -137,7 +137,6 @@ def test_a_pause_refines_stops_and_begins_again_at_a_change(monkeypatch):
         if isinstance(frame.shown.lights, AccumulationPass) and frame.uploaded is None:
             drawn.append(frame.shown.lights.number)
         return draw(frame)
-
     monkeypatch.setattr(stage._renderer, "draw", noted)
 
     def shown(state, sequence, radiance, **wish):

@@ -170,7 +170,7 @@ def test_the_pattern_of_one_sample_stays_and_moves_with_the_sheet(tmp_path):
 
 
 def test_a_lamp_shines_through_holes(tmp_path):
-    lamp = "[[luminaire]]\nat = [0.0, 0.0, 4.0]\nrotate = [180.0, 0.0, 0.0]\nshadow_map = 256\n"
+    lamp = '[[luminaire]]\nat = [0.0, 0.0, 4.0]\nrotate = [180.0, 0.0, 0.0]\nshadow_map = 256\n'
     pictures = []
     for cutoff in (0.0, 1.0, 0.5):
         renderer = renderer_of(tmp_path, sheet_of("MASK", 0.9, board(2), cutoff), WIDE, lamp, side=32)

@@ -318,7 +318,9 @@ def test_options_are_called_in_errors_as_they_are_typed():
 
 
 def test_help_loads_neither_numba_nor_cv2():
-    loaded = subprocess.run([sys.executable, "-X", "importtime", "-m", "vemlight", "--help"], capture_output=True, text=True, timeout=60)
+    loaded = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "vemlight", "--help"], capture_output=True, text=True, timeout=60
+    )
     assert "Usage" in loaded.stdout
     assert not {"numba", "cv2", "numpy", "moderngl"} & {line.rsplit("|", 1)[-1].strip() for line in loaded.stderr.splitlines()}
 

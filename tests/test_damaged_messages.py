@@ -23,6 +23,7 @@ def set_fields(value: Any) -> Iterator[tuple[str, str]]:
             yield from set_fields(each)
 
 
+
 def test_every_field_of_every_header_is_among_what_is_damaged():
     headers = [header for header, _ in whole_messages()]
     given = {field for header in headers for field in set_fields(header)}
@@ -30,3 +31,4 @@ def test_every_field_of_every_header_is_among_what_is_damaged():
     assert {*wire.KINDS.values(), *Report.__subclasses__()} <= kinds
     possible = {(kind.__name__, name) for kind in kinds for name in kind.__struct_fields__}
     assert possible - given == {(kind.__name__, "version") for kind in wire.KINDS.values()}
+

@@ -22,11 +22,8 @@ def request(consumer: bytes, first: int, count: int) -> list[bytes]:
 def sent(socket: FakeSocket) -> list[tuple[bytes, str, int]]:
     """(consumer, kind, number) of what a maker sent."""
     headers = [(parts[0], wire.unpack(parts[1:])[0]) for parts in socket.sent]
-    return [
-        (to, type(header).__name__, header.sequence if isinstance(header, wire.EndMessage) else header.stamp.sequence)
-        for to, header in headers
-        if isinstance(header, wire.MapMessage | wire.EndMessage)
-    ]
+    return [(to, type(header).__name__, header.sequence if isinstance(header, wire.EndMessage) else header.stamp.sequence)
+            for to, header in headers if isinstance(header, wire.MapMessage | wire.EndMessage)]
 
 
 @pytest.fixture

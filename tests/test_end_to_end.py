@@ -54,7 +54,7 @@ def pole_scene(folder: Path) -> Path:
     (folder / "pole.obj").write_text("\n".join(lines) + "\n")
     scene = folder / "scene.toml"
     scene.write_text(
-        "[camera]\nfrom = [0.0, 0.0, 12.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 24.0\n"
+        '[camera]\nfrom = [0.0, 0.0, 12.0]\nat = [0.0, 0.0, 0.0]\nfov_y = 24.0\n'
         '[[mesh]]\nshape = "plane"\nscale = 2.4\nmaterial = {diffuse = [0.7, 0.7, 0.7]}\n'
         '[[mesh]]\nfile = "pole.obj"\nmaterial = {diffuse = [0.0, 0.0, 0.0]}\n'
     )

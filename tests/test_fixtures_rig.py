@@ -23,6 +23,7 @@ ONE = HEAD + "[[fixture]]\n" + LAMP
 SECOND = "[[fixture]]\n" + LAMP.replace("key", "fill").replace("address = 1", "address = 4")
 
 
+
 def crowded(k: int) -> str:
     """A fixture of twelve emitters, forty to a universe."""
     lamp = LAMP.replace("key", f"f{k}").replace("address = 1", f"address = {1 + 12 * (k % 40)}")

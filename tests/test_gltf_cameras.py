@@ -29,7 +29,7 @@ def with_cameras(folder: Path) -> TexturedSquare:
 
 
 def scene(folder: Path, camera: str, mesh: str = ""):
-    (folder / "scene.toml").write_text(f'[camera]\n{camera}\n[[mesh]]\nfile = "sheet.gltf"\n{mesh}\n')
+    (folder / "scene.toml").write_text(f"[camera]\n{camera}\n[[mesh]]\nfile = \"sheet.gltf\"\n{mesh}\n")
     return load_scene(folder / "scene.toml")
 
 
@@ -101,7 +101,7 @@ def test_scales_that_cannot_be_are_refused(tmp_path, scale):
 
 def test_a_page_is_offered_named_views_and_the_cameras_of_files_up_to_a_limit_that_is_said(tmp_path, capsys):
     with_cameras(tmp_path)
-    view = '[[view]]\nname = "{}"\nfrom = [0.0, -5.0, 1.0]\nat = [0.0, 0.0, 1.0]\n'
+    view = "[[view]]\nname = \"{}\"\nfrom = [0.0, -5.0, 1.0]\nat = [0.0, 0.0, 1.0]\n"
     few = scene(tmp_path, 'preset = "Front"', view.format("desk") + view.format("Side"))
     assert [name for name, _ in few.views] == ["desk", "Side", "Front", "Rolled"]  # the scene file's own Side
     assert dict(few.views)["Front"].eye == pytest.approx((0, -5, 1))

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-PROGRAM = """
+PROGRAM = '''
 import os, sys, time
 from pathlib import Path
 from tests.support.hostile import trial
@@ -46,7 +46,7 @@ bombs, faults = trial.examine("test", 0, 0, Path(sys.argv[1]))
 print(bombs)
 for fault in faults:
     print(fault.name.split(" (")[0], fault.reason, sep=": ")
-"""
+'''
 
 
 def test_each_kind_of_fault_is_found_and_its_file_is_kept(tmp_path):

@@ -26,17 +26,12 @@ def test_the_recipe_makes_the_bundled_lamp_again(tmp_path):
     assert placement.BUNDLED_LAMP.stat().st_size < 300_000
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ('basis = "bell"', 'basis = "haar"', "basis"),
-        ("rows = 5", "rows = 0", "rows"),
-        ('dual = "compact"', "dual_width = 1.0", "dual_width"),
-        ("half = true", "sharp = true", "sharp"),
-        ("radiance = [4.0e6", "radiance = [4.0e9", "65504"),
-        ('basis = "bell"', 'basis = "b-spline"\nx = 1', "x"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ('basis = "bell"', 'basis = "haar"', "basis"),
+    ("rows = 5", "rows = 0", "rows"), ('dual = "compact"', "dual_width = 1.0", "dual_width"),
+    ("half = true", "sharp = true", "sharp"),
+    ("radiance = [4.0e6", "radiance = [4.0e9", "65504"), ('basis = "bell"', 'basis = "b-spline"\nx = 1', "x"),
+])
 def test_a_bad_recipe_is_refused(tmp_path, old, new, said):
     text = RECIPE.read_text()
     assert old in text

@@ -29,13 +29,9 @@ def test_gram_rows_are_the_fractions_they_are(kind, row):
     assert gram_row(kind) == pytest.approx(np.array(row), abs=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("kind", "coefficients"),
-    [
-        ("bell", [1.36931, -0.21344, 0.03327, -0.00519]),
-        ("b-spline", [2.84217, -1.32173, 0.57333, -0.24704]),
-    ],
-)
+@pytest.mark.parametrize(("kind", "coefficients"), [
+    ("bell", [1.36931, -0.21344, 0.03327, -0.00519]), ("b-spline", [2.84217, -1.32173, 0.57333, -0.24704]),
+])
 def test_span_duals_have_the_expected_coefficients(kind, coefficients):
     dual = span_dual(kind)
     middle = len(dual.coefficients) // 2
@@ -43,17 +39,9 @@ def test_span_duals_have_the_expected_coefficients(kind, coefficients):
     assert sum(dual_value(dual, np.linspace(-0.5, 0.5, 101) - k) for k in range(-27, 28)) == pytest.approx(np.ones(101), abs=1e-7)
 
 
-@pytest.mark.parametrize(
-    ("kind", "width"),
-    [
-        ("bell", None),
-        ("b-spline", None),
-        ("bell", 2),
-        ("bell", 4),
-        ("b-spline", 3),
-        ("b-spline", 5),
-    ],
-)
+@pytest.mark.parametrize(("kind", "width"), [
+    ("bell", None), ("b-spline", None), ("bell", 2), ("bell", 4), ("b-spline", 3), ("b-spline", 5),
+])
 def test_duals_are_biorthogonal_to_the_basis(kind, width):
     dual = compact_dual(kind, width) if width else span_dual(kind)
     value = dual_value(dual, X)
@@ -62,15 +50,10 @@ def test_duals_are_biorthogonal_to_the_basis(kind, width):
     assert np.array(got) == pytest.approx(np.equal(range(-4, 5), 0).astype(float), abs=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("kind", "width", "peak", "lowest", "negative_share"),
-    [
-        ("bell", 4, 1.371, -0.219, 0.206),
-        ("bell", 2, 1.4375, -0.4375, 0.166),
-        ("b-spline", 3, 2.20, -0.96, 0.48),
-        ("b-spline", 5, 1.87, -0.72, 0.49),
-    ],
-)
+@pytest.mark.parametrize(("kind", "width", "peak", "lowest", "negative_share"), [
+    ("bell", 4, 1.371, -0.219, 0.206), ("bell", 2, 1.4375, -0.4375, 0.166),
+    ("b-spline", 3, 2.20, -0.96, 0.48), ("b-spline", 5, 1.87, -0.72, 0.49),
+])
 def test_compact_duals_have_the_expected_shape(kind, width, peak, lowest, negative_share):
     x = np.linspace(-width / 2, width / 2, 20_001)
     value = dual_value(compact_dual(kind, width), x)

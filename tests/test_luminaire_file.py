@@ -51,21 +51,18 @@ def rewritten(path: Path, drop: int = 0, header: str | None = None, pixels=None,
 NAN = np.full((5, 7, 3), np.nan, np.float32)
 
 
-@pytest.mark.parametrize(
-    ("fault", "said"),
-    [
-        ({"drop": 1}, "no RGB part image_1_2"),
-        ({"header": "{"}, HEADER_ATTRIBUTE),
-        ({"header": ""}, HEADER_ATTRIBUTE),
-        ({"spacing_m": -1.0}, "spacing_m"),
-        ({"basis": "haar"}, "basis"),
-        ({"rows": 100_000}, "rows"),
-        ({"rows": 33, "cols": 32}, "33 x 32 images are more than 1024"),
-        ({"colour": "red"}, "colour"),
-        ({"window_m": (0.1, 0.0, -0.1, 1.0)}, "empty"),
-        ({"pixels": NAN}, "105 values are nan"),
-    ],
-)
+@pytest.mark.parametrize(("fault", "said"), [
+    ({"drop": 1}, "no RGB part image_1_2"),
+    ({"header": "{"}, HEADER_ATTRIBUTE),
+    ({"header": ""}, HEADER_ATTRIBUTE),
+    ({"spacing_m": -1.0}, "spacing_m"),
+    ({"basis": "haar"}, "basis"),
+    ({"rows": 100_000}, "rows"),
+    ({"rows": 33, "cols": 32}, "33 x 32 images are more than 1024"),
+    ({"colour": "red"}, "colour"),
+    ({"window_m": (0.1, 0.0, -0.1, 1.0)}, "empty"),
+    ({"pixels": NAN}, "105 values are nan"),
+])
 def test_a_file_with_a_fault_is_refused_in_one_line(tmp_path, fault, said):
     rewritten(tmp_path / "bad.exr", **fault)
     with pytest.raises(UserError, match=said) as caught:

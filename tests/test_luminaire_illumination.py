@@ -34,9 +34,8 @@ def a_field(kind: BasisKind = "bell", distance: float = 0.3, window: float = 0.2
     for j, i in np.ndindex(3, 4):
         lobe = np.exp(-3 * ((x - (i - 1.5) / 5) ** 2 + (y - (j - 1) / 5) ** 2)) * np.exp(0.4 * rng.normal(size=(16, 16)))
         images[j, i] = lobe[..., None] * [1.0, 0.8, 0.6]
-    return LightField(
-        images.astype(np.float32), kind, 0.03, (-0.045, -0.03), distance, (-window, -window, window, window), "radiometric", "lobes"
-    )
+    return LightField(images.astype(np.float32), kind, 0.03, (-0.045, -0.03), distance, (-window, -window, window, window), "radiometric",
+                      "lobes")
 
 
 def scene_with(folder: Path, text: str, field: LightField | None = None):
@@ -91,20 +90,13 @@ def test_the_gpu_draws_what_the_cpu_draws(tmp_path):
     assert gpu.sum() == pytest.approx(cpu.sum(), rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    "material",
-    [
-        "{base_color = [0.9, 0.6, 0.3], metallic = 1.0, roughness = 0.35}",
-        "{diffuse = [0.3, 0.2, 0.1], specular = [0.5, 0.4, 0.3], exponent = 30.0}",
-    ],
-)
+@pytest.mark.parametrize("material", ["{base_color = [0.9, 0.6, 0.3], metallic = 1.0, roughness = 0.35}",
+                                      "{diffuse = [0.3, 0.2, 0.1], specular = [0.5, 0.4, 0.3], exponent = 30.0}"])
 def test_the_gpu_reflects_as_the_cpu_does(tmp_path, material):
     """A glossy ball in the beam, so that both lobes are seen from all sides."""
     ball = f'[[mesh]]\nshape = "sphere"\nscale = 0.5\nat = [0.1, 0.1, 0.4]\nmaterial = {material}\n'
-    gpu, cpu = (
-        picture(scene_with(tmp_path, FROM_ABOVE + ball + LAMP + f'samples = 40\nshadows = "{way}"\n'))[..., :3]
-        for way in ("none", "traced")
-    )
+    gpu, cpu = (picture(scene_with(tmp_path, FROM_ABOVE + ball + LAMP + f'samples = 40\nshadows = "{way}"\n'))[..., :3]
+                for way in ("none", "traced"))
     lit = cpu.max(axis=-1) > 0.001 * cpu.max()
     assert lit.sum() > 40
     # a sample within 10^-7 of a pixel's edge may fall on either side of it
@@ -136,7 +128,6 @@ def test_maps_cast_the_shadows_that_rays_cast(tmp_path):
 
     def off(a):
         return np.sqrt(np.mean((pictures[a] - pictures["traced"]) ** 2)) / pictures["traced"].mean()
-
     assert off("maps") < 0.25 * off("none")
     assert pictures["maps"].sum() == pytest.approx(pictures["traced"].sum(), rel=0.02)
 
@@ -182,7 +173,6 @@ def pose(name: str, at: tuple[float, float, float], power: float | None = None) 
 def test_poses_of_several_lamps_make_the_picture_of_lamps_that_stand_there(tmp_path):
     def lamp(name: str, at: str, power: float = 1.0) -> str:
         return LAMP.replace("[0.0, 0.0, 1.5]", at) + f'name = "{name}"\npower = {power}\nshadow_map = 96\n'
-
     there = scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + lamp("a", "[0.4, 0.3, 1.3]") + lamp("b", "[-0.3, 0.2, 1.6]", 0.5))
     wanted = picture(there)
     scene = scene_with(tmp_path, FROM_ABOVE + GROUND + BALL + lamp("a", "[0.0, 0.0, 1.5]") + lamp("b", "[0.2, 0.0, 1.5]"))
@@ -203,7 +193,6 @@ def test_only_the_maps_of_a_lamp_that_moved_are_drawn(tmp_path, monkeypatch):
     def counted(atlas: LuminaireAtlas, *arguments) -> None:
         drawn.append(atlas)
         draw(atlas, *arguments)
-
     monkeypatch.setattr(LuminaireAtlas, "draw", counted)
 
     def maps_of(*poses: Pose) -> int:
@@ -211,7 +200,6 @@ def test_only_the_maps_of_a_lamp_that_moved_are_drawn(tmp_path, monkeypatch):
         renderer.place(0.0, poses)
         renderer.picture(DARK)
         return len(set(drawn))
-
     there, ball = pose("a", (0.1, 0.0, 1.5)), Pose(name="sphere", position=(0.2, 0.1, 0.4))
     assert maps_of() == 2
     assert maps_of() == 0
@@ -245,16 +233,13 @@ def test_a_far_field_lights_by_the_inverse_square(tmp_path):
     assert np.all(shadowed[rim] == 0)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('[[luminaire]]\nfile = "none.exr"\n', "no such file"),
-        ('[[luminaire]]\nfile = "lamp.exr"\nsamples = 0\n', "samples"),
-        ('[[luminaire]]\nfile = "lamp.exr"\nat = [nan, 0.0, 0.0]\n', "finite"),
-        ('[[luminaire]]\nfile = "lamp.exr"\ncolour = 1\n', "colour"),
-        ('[[luminaire]]\nfile = "lamp.exr"\nshadows = "soft"\n', "shadows"),
-    ],
-)
+@pytest.mark.parametrize(("text", "said"), [
+    ('[[luminaire]]\nfile = "none.exr"\n', "no such file"),
+    ('[[luminaire]]\nfile = "lamp.exr"\nsamples = 0\n', "samples"),
+    ('[[luminaire]]\nfile = "lamp.exr"\nat = [nan, 0.0, 0.0]\n', "finite"),
+    ('[[luminaire]]\nfile = "lamp.exr"\ncolour = 1\n', "colour"),
+    ('[[luminaire]]\nfile = "lamp.exr"\nshadows = "soft"\n', "shadows"),
+])
 def test_a_bad_table_is_refused(tmp_path, text, said):
     with pytest.raises(UserError, match=said) as caught:
         scene_with(tmp_path, FROM_ABOVE + GROUND + text)
@@ -319,8 +304,6 @@ def test_views_stand_in_the_middle_of_their_cells():
 def test_a_map_sees_what_stands_half_a_texel_above_a_surface(tmp_path, height, shadowed):
     """A texel of 64 over tangents of 0.8 is 0.025 of the depth: 1.9 cm at 1.5 m for half of one, which a surface's own bends may take."""
     plate = f'[[mesh]]\nshape = "plane"\nscale = 0.25\nat = [0.0, 0.0, {height}]\nmaterial = {{diffuse = [0.0, 0.0, 0.0]}}\n'
-    maps, none = (
-        picture(scene_with(tmp_path, FROM_ABOVE + GROUND + plate + LAMP + f'samples = 100\nshadow_map = 64\nshadows = "{way}"\n'))
-        for way in ("maps", "none")
-    )
+    maps, none = (picture(scene_with(tmp_path, FROM_ABOVE + GROUND + plate + LAMP + f'samples = 100\nshadow_map = 64\nshadows = "{way}"\n'))
+                  for way in ("maps", "none"))
     assert (maps[..., :3].sum() < 0.98 * none[..., :3].sum()) == shadowed

@@ -126,8 +126,7 @@ def test_a_field_in_the_span_is_measured_as_it_is(quantisation, worst):
     planes = AcquisitionPlanes("bell", 0.05, 3, 3, 0.4, (0.4, 0.4), 6, 6)
     images = np.random.default_rng(5).random((3, 3, 6, 6, 3))
     truth = planes.field(images, "radiometric", "")
-    got = field_from_radiance(
-        lambda u, s: radiance(truth, u, s), planes, compact_dual("bell", 4), (0.1, 0.1), per_spacing=32, quantisation=quantisation
-    )
+    got = field_from_radiance(lambda u, s: radiance(truth, u, s), planes, compact_dual("bell", 4), (0.1, 0.1), per_spacing=32,
+                              quantisation=quantisation)
     # 32 midpoints a spacing err by h^2 / 24 of the second derivative, 4 x 1.4, in each of two directions: 2 x 2.3e-4
     assert np.abs(got.images - truth.images).max() < worst

@@ -48,19 +48,8 @@ def test_a_spectrum_gives_the_colour(tmp_path):
     assert np.allclose(colour_of_spectrum(nm, np.ones(len(nm))), [1.2, 0.95, 0.91], atol=0.03)
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"magic": b"TM26"},
-        {"rays": 0},
-        {"rays": 3},
-        {"rays": 2**60},
-        {"additional_items": -1},
-        {"additional_items": 500},
-        {"flags": [0] * 8},
-        {"flags": [1, 1, 0, 0, 0, 0, 0, 0]},
-    ],
-)
+@pytest.mark.parametrize("fields", [{"magic": b"TM26"}, {"rays": 0}, {"rays": 3}, {"rays": 2**60}, {"additional_items": -1},
+                                    {"additional_items": 500}, {"flags": [0] * 8}, {"flags": [1, 1, 0, 0, 0, 0, 0, 0]}])
 def test_a_damaged_header_is_refused(tmp_path, fields):
     rows = np.concatenate([ROWS] * 2000) if fields.get("additional_items") == 500 else ROWS
     path = ray_file(tmp_path / "bad.tm25ray", rows, fields.pop("flags", LUMINOUS), **({"rays": len(rows)} | fields))
@@ -101,15 +90,10 @@ def test_directions_are_unit_vectors_to_a_thousandth(tmp_path, length, accepted)
             read_rays(path)
 
 
-@pytest.mark.parametrize(
-    ("fields", "said"),
-    [
-        ({"rays": 2**28}, "was cut off"),
-        ({"rays": 2**28 + 1}, "header claims"),
-        ({"additional_items": 999}, "unit vectors"),
-        ({"additional_items": 1000}, "header claims"),
-    ],
-)
+@pytest.mark.parametrize(("fields", "said"), [
+    ({"rays": 2**28}, "was cut off"), ({"rays": 2**28 + 1}, "header claims"),
+    ({"additional_items": 999}, "unit vectors"), ({"additional_items": 1000}, "header claims"),
+])
 def test_a_header_that_claims_too_much_is_refused_before_anything_is_read(tmp_path, fields, said):
     with pytest.raises(UserError, match=said):
         read_rays(ray_file(tmp_path / "a.tm25ray", ROWS, LUMINOUS, **fields))

@@ -33,7 +33,6 @@ def test_the_bound_holds_for_the_geometric_term_over_every_support():
 
     def cos4(a):
         return (1 + np.sum((s - a) ** 2, axis=1) / 0.25) ** -2
-
     exact_over_approximate = np.abs(cos4(u) - cos4(centre)) / cos4(centre)
     assert exact_over_approximate.max() <= bound
     assert exact_over_approximate.max() > 0.4 * bound  # E_r is the whole range over the support, this one side of it

@@ -150,7 +150,9 @@ def test_a_normal_map_turns_the_normal_towards_its_axes(tmp_path, camera, code, 
 def test_a_mirrored_normal_map_turns_the_other_way(tmp_path):
     bumpy_quad(tmp_path, (230, 128, 204), mirrored=True)
     scene = scene_of(tmp_path, '[[mesh]]\nfile = "quad.glb"\ny_up = false', ABOVE)
-    left, right = (drawn(scene, LightSet.of(np.zeros(1), np.array([[x, 0.0, 0.8]]), np.ones((1, 3))), 8, 8)[4, 4, 0] for x in (-0.6, 0.6))
+    left, right = (
+        drawn(scene, LightSet.of(np.zeros(1), np.array([[x, 0.0, 0.8]]), np.ones((1, 3))), 8, 8)[4, 4, 0] for x in (-0.6, 0.6)
+    )
     assert left > 0.25
     assert right < 0.03
 

@@ -39,12 +39,8 @@ def test_overlaps_agree_with_many_rays(lens: Lens, lattice: Lattice) -> None:
     side, rng = 48, np.random.default_rng(4)
     at = (np.arange(side) + 0.5) / side - 0.5
     # a few anywhere, and all that are near the zenith of the world
-    zenith = cell_from_direction(
-        direction_from_pixel(np.stack([np.unique(pixel) % width, np.unique(pixel) // width], -1), lens) @ lens.rotation.T,
-        ROWS,
-        COLS,
-        "sphere",
-    )[0]
+    zenith = cell_from_direction(direction_from_pixel(np.stack([np.unique(pixel) % width, np.unique(pixel) // width], -1), lens)
+                                 @ lens.rotation.T, ROWS, COLS, "sphere")[0]
     near = np.unique(pixel)[zenith < 4]
     for p in [*rng.choice(pixel, 60), *near]:
         x, y = p % width + at * lattice.size[0], p // width + at * lattice.size[1]

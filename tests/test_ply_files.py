@@ -101,12 +101,8 @@ def test_images_of_faces(tmp_path):
 
 @pytest.mark.parametrize(
     ("numbers", "said"),
-    [
-        ("3 0 1 2\n3 0 1 9\n", "vertices that it does not have"),
-        ("3 0 1 2\n3 0 1\n", "cut off"),
-        ("3 0 1 2\n", "cut off"),
-        ("3 0 1 2\nx", "x"),
-    ],
+    [("3 0 1 2\n3 0 1 9\n", "vertices that it does not have"),
+     ("3 0 1 2\n3 0 1\n", "cut off"), ("3 0 1 2\n", "cut off"), ("3 0 1 2\nx", "x")],
 )
 def test_a_text_ply_that_contradicts_itself_is_refused(tmp_path, numbers, said):
     with pytest.raises(UserError, match=said):

@@ -251,7 +251,7 @@ def test_without_embree_auto_draws_maps_and_says_so_and_rays_are_refused(monkeyp
     renderer.release()
     (line,) = capsys.readouterr().err.splitlines()
     assert "embreex is not installed" in line
-    with pytest.raises(UserError, match='embreex, which is not installed; install it, or choose "maps"'):
+    with pytest.raises(UserError, match="embreex, which is not installed; install it, or choose \"maps\""):
         renderer_of(load_scene(SHAPES), 16)
 
 

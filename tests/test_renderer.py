@@ -178,7 +178,6 @@ def test_pixels_are_means_over_their_area():
 
     def off(image):
         return float(np.sqrt(np.mean((image - fine) ** 2)))
-
     assert off(coarse) < 0.4 * off(one)  # 16 well-spread samples against one; both differ from the 16 of the fine picture
     assert np.abs(coarse.mean(axis=(0, 1)) - fine.mean(axis=(0, 1))).max() < 2e-3
     assert np.all(np.abs(coarse[..., 3] * 16 - np.round(coarse[..., 3] * 16)) < 1e-4)

@@ -166,7 +166,7 @@ def test_a_step_has_no_effect_but_its_result(tmp_path, moving_sky, monkeypatch, 
     monkeypatch.setattr("vemlight.renderer.frame_plan.affordable_maps", lambda *_: 4)
     monkeypatch.setattr("vemlight.renderer.frame_plan.coarsening", lambda *_: 0)
     boxes = "".join(f'[[mesh]]\nshape = "box"\nscale = 0.4\nat = [{x}, 0.0, 0.5]\n' for x in (-1.0, 1.0))
-    plane, lamp = SCENE[: SCENE.index("[[mesh]]\nfile")], SCENE[SCENE.index("[[luminaire]]") :]
+    plane, lamp = SCENE[: SCENE.index('[[mesh]]\nfile')], SCENE[SCENE.index("[[luminaire]]") :]
     (tmp_path / "scene.toml").write_text(plane + boxes + lamp.replace('shadows = "none"', "shadow_map = 16"))
     drawing = Renderer(scene=str(tmp_path / "scene.toml"), width=48, height=36, shadow_map=64, frame_ms=frame_ms, picture="linear16")
     stage = RendererStage(Settings(renderer=drawing))

@@ -83,7 +83,7 @@ def test_response_file_round_trip(tmp_path: Path, response: Response) -> None:
     [
         ('kind = "log"\nbits = 12\na = 0.0\nb = 1.0\nc = 0.0\n', "c = 0"),
         ('kind = "log"\nbits = 12\na = 0.0\nb = 1.0\n', "no c;"),
-        ("bits = 12\na = 0.0\nb = 1.0\n", "kind"),
+        ('bits = 12\na = 0.0\nb = 1.0\n', "kind"),
         ('kind = "companding"\nbits = 12\nknees = [[0.0, 0.0], [1.0, 0.0]]\n', "knees"),
         ('kind = "companding"\nbits = 12\nknees = [[0.0, 0.0]]\n', "knees"),
         ('kind = "srgb"\nbits = 8\na = 1.0\n', "a: there is no such key"),

@@ -43,7 +43,7 @@ def run(settings, maps, coverage: Coverage = "hemisphere", fps=25.0):
 @pytest.mark.parametrize("sun", [0.0, 1e6])
 def test_the_lights_sum_to_the_map_in_every_channel(method, coverage, sun):
     radiance = scene(sun=sun)
-    ((lights, report),) = run(Sampler(method=method, filter="none", count=216), [radiance], coverage)[0]
+    (lights, report), = run(Sampler(method=method, filter="none", count=216), [radiance], coverage)[0]
     np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(radiance, coverage), rtol=1e-6)
     np.testing.assert_allclose(report.irradiance, map_irradiance(radiance, coverage), rtol=1e-12)
     assert report.delay_frames == report.delay_s == 0
@@ -55,7 +55,7 @@ def test_any_map_any_count(seed, count, method, coverage):
     generator = np.random.default_rng(seed)
     radiance = (generator.lognormal(0, generator.uniform(0, 4), (8, 16, 3)) * (generator.random((8, 16, 1)) < 0.3)).astype(np.float32)
     radiance.flat[generator.integers(0, radiance.size, 5)] = [np.nan, np.inf, -np.inf, -1.0, 1e35]
-    ((lights, _),) = run(Sampler(method=method, filter="none", count=count), [radiance], coverage)[0]
+    (lights, _), = run(Sampler(method=method, filter="none", count=count), [radiance], coverage)[0]
     clean = np.where(np.isfinite(radiance) & (radiance >= 0) & (radiance < 1e30), radiance, 0)
     np.testing.assert_allclose(lights.irradiance.sum(axis=0, dtype=float), map_irradiance(clean, coverage), rtol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(lights.directions, axis=1), 1, atol=1e-6)
@@ -67,7 +67,7 @@ def test_any_map_any_count(seed, count, method, coverage):
 def test_one_lit_pixel_is_where_the_lights_are():
     radiance = np.zeros((90, 360, 3), np.float32)
     radiance[30, 200] = [1.0, 2.0, 3.0]
-    ((lights, _),) = run(PLAIN, [radiance])[0]
+    (lights, _), = run(PLAIN, [radiance])[0]
     target = direction_from_angles(np.radians(30.5), np.radians(200.5))
     lit = lights.irradiance[:, 1] > 0
     assert np.degrees(angle_between(lights.directions[lit].astype(float), target)).max() < 1.5
@@ -92,7 +92,7 @@ def test_a_black_frame_keeps_ids_and_directions(filter):
 
 
 def test_a_first_frame_that_is_black_gives_even_directions():
-    ((lights, report),) = run(Sampler(), [np.zeros((30, 60, 3), np.float32)])[0]
+    (lights, report), = run(Sampler(), [np.zeros((30, 60, 3), np.float32)])[0]
     assert (lights.irradiance == 0).all()
     np.testing.assert_allclose(np.linalg.norm(lights.directions, axis=1), 1, atol=1e-6)
     assert np.abs(lights.directions.mean(axis=0) - [0, 0, 0.5]).max() < 0.05
@@ -171,7 +171,7 @@ def test_lights_that_come_are_faded_in():
 
 
 def test_the_first_set_begins_the_second_with_more_power():
-    ((lights, report),) = run(Sampler(filter="none", count=72, gloss_lights=216), [scene()])[0]
+    (lights, report), = run(Sampler(filter="none", count=72, gloss_lights=216), [scene()])[0]
     assert report.gloss is not None
     np.testing.assert_array_equal(report.gloss.ids[:72], lights.ids)
     np.testing.assert_array_equal(report.gloss.directions[:72], lights.directions)

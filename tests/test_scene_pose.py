@@ -143,7 +143,7 @@ def test_what_moves_in_a_lamps_light_moves_its_shadow(tmp_path):
 
 
 def test_below_the_ground_no_light_from_above_arrives(tmp_path):
-    ground = GROUND + "material = {diffuse = [0.0, 0.0, 0.0]}\n"
+    ground = GROUND + 'material = {diffuse = [0.0, 0.0, 0.0]}\n'
     scene = a_scene(tmp_path, ground + box("[0.0, 0.0, 1.0]"))
     below = scene._replace(camera=scene.camera.__class__(position=(0.0, -7.0, -4.0), at=(0.0, 0.0, -1.0)))
     renderer = renderer_of(below)

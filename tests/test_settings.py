@@ -58,7 +58,7 @@ def test_a_source_is_a_camera_by_its_path(source, camera):
         ("[sampler]\ncount = 0", ("count", "1")),
         ('[sampler]\nmethod = "standard"\nfilter = "adaptive"', ("filter adaptive", "standard")),
         ("[renderer]\nwidth = 8193", ("width", "8192")),
-        ('[wire]\ntransport = "tcp"', ("keys", "insecure")),
+        ("[wire]\ntransport = \"tcp\"", ("keys", "insecure")),
         ('mode = "lossless"\n[capture]\nsource = "/dev/video0"', ("/dev/video0", "live")),
         ('[viewer]\ntoken = "0123456789abcdef"\ninsecure = true', ("token and insecure",)),
         ("[sampler", ("TOML",)),

@@ -70,7 +70,7 @@ def test_any_maps_any_count(seed, count, coverage, smoothing):
 def test_one_lit_cell_is_one_light_in_its_place_whatever_the_count():
     radiance = np.zeros((90, 360, 3), np.float32)
     radiance[30, 200] = [1.0, 2.0, 3.0]
-    ((lights, _),) = run([radiance], 64)[0]
+    (lights, _), = run([radiance], 64)[0]
     assert len(lights.ids) == 1
     assert np.degrees(angle_between(lights.directions[0].astype(float), direction_from_angles(np.radians(30.5), np.radians(200.5)))) < 1e-4
     np.testing.assert_allclose(lights.irradiance[0] / lights.irradiance[0, 0], [1, 2, 3], rtol=1e-6)
@@ -80,7 +80,7 @@ def test_a_bright_cell_stands_where_its_sample_says():
     radiance = scene(sun=1e6)
     place = direction_from_angles(np.radians(31.9), np.radians(180.4))  # in cell (10, 60), whose centre is at (31.5, 181.5)
     bright = BrightCells(np.array([10 * COLS + 60]), place[None].astype(np.float32), np.ones(1, np.float32))
-    ((lights, _),) = run([radiance], 32, bright_cells=bright)[0]
+    (lights, _), = run([radiance], 32, bright_cells=bright)[0]
     brightest = lights.directions[lights.irradiance[:, 1].argmax()].astype(float)
     assert np.degrees(angle_between(brightest, place)) < 0.01
 
@@ -89,8 +89,8 @@ def test_a_bright_cell_is_cut_into_its_samples_when_there_are_lights_for_it():
     radiance = scene(sun=1e5)
     places = direction_from_angles(np.radians([30.4, 30.6, 32.5]), np.radians([180.2, 182.7, 181.5]))
     bright = BrightCells(np.full(3, 10 * COLS + 60), places.astype(np.float32), np.array([0.5, 0.3, 0.2], np.float32))
-    ((few, _),) = run([radiance], 4, bright_cells=bright)[0]
-    ((many, _),) = run([radiance], 100, bright_cells=bright)[0]
+    (few, _), = run([radiance], 4, bright_cells=bright)[0]
+    (many, _), = run([radiance], 100, bright_cells=bright)[0]
     sun = many.irradiance[:, 1] > 0.1 * total(many)[1]
     assert np.degrees(angle_between(many.directions[sun][:, None].astype(float), places)).min(axis=0).max() < 0.05
     assert (few.irradiance[:, 1] > 0.1 * total(few)[1]).sum() < 3
@@ -102,13 +102,13 @@ def test_two_equal_opposite_lamps():
     radiance = np.zeros((ROWS, COLS, 3), np.float32)
     radiance[29, [0, 60]] = 5.0
     lamps = direction_from_angles(np.radians(88.5), np.radians([1.5, 181.5]))
-    ((two, _),) = run([radiance], 8)[0]
+    (two, _), = run([radiance], 8)[0]
     order = np.argsort(-two.directions[:, 0])
     assert len(two.ids) == 2
     assert np.degrees(angle_between(two.directions[order].astype(float), lamps)).max() < 1e-3
     np.testing.assert_allclose(two.irradiance[0], two.irradiance[1], rtol=1e-6)
     # One light for both: the power of both, a direction that exists.
-    ((one, _),) = run([radiance], 1)[0]
+    (one, _), = run([radiance], 1)[0]
     np.testing.assert_allclose(total(one), total(two), rtol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(one.directions), 1, atol=1e-6)
 
@@ -116,7 +116,7 @@ def test_two_equal_opposite_lamps():
 def test_on_the_sphere_opposite_lamps_that_cancel_leave_the_light_where_its_site_is():
     radiance = np.zeros((30, 60, 3), np.float32)
     radiance[9, 0] = radiance[20, 30] = 5.0
-    ((one, _),) = run([radiance], 1, "sphere")[0]
+    (one, _), = run([radiance], 1, "sphere")[0]
     np.testing.assert_allclose(np.linalg.norm(one.directions), 1, atol=1e-6)
     np.testing.assert_allclose(total(one), map_irradiance(radiance, "sphere"), rtol=1e-6)
 
@@ -124,7 +124,7 @@ def test_on_the_sphere_opposite_lamps_that_cancel_leave_the_light_where_its_site
 def test_all_light_on_the_horizon_stays_above_it():
     radiance = np.zeros((ROWS, COLS, 3), np.float32)
     radiance[29] = np.random.default_rng(0).lognormal(0, 1, (COLS, 3))
-    ((lights, _),) = run([radiance], 40)[0]
+    (lights, _), = run([radiance], 40)[0]
     assert lights.directions[:, 2].min() > 0
     assert np.degrees(np.arcsin(lights.directions[:, 2])).max() < 10
     np.testing.assert_allclose(total(lights), map_irradiance(radiance, "hemisphere"), rtol=1e-6)
@@ -142,7 +142,7 @@ def test_black_frames_keep_ids_and_places(smoothing):
 
 
 def test_a_first_frame_that_is_black_gives_even_directions():
-    ((lights, _),) = run([np.zeros((ROWS, COLS, 3), np.float32)])[0]
+    (lights, _), = run([np.zeros((ROWS, COLS, 3), np.float32)])[0]
     assert (lights.irradiance == 0).all()
     assert np.abs(lights.directions.mean(axis=0) - [0, 0, 0.5]).max() < 0.05
 
@@ -239,7 +239,7 @@ def test_error_falls_with_the_number_of_lights():
         square = 0.0
         for seed in range(3):
             sky = np.random.default_rng(seed).lognormal(0, 1.5, (10, 40, 3)).repeat(3, axis=0).repeat(3, axis=1).astype(np.float32)
-            ((lights, _),) = run([sky], count)[0]
+            (lights, _), = run([sky], count)[0]
             truth = irradiance_of_map(at, sky.astype(float), "hemisphere")
             square += np.mean((irradiance_of_lights(at, lights.directions, lights.irradiance) / truth.mean() - truth / truth.mean()) ** 2)
         errors.append(np.sqrt(square / 3))

@@ -15,17 +15,9 @@ from vemlight.runtime.transport import Transport, accept_subscriptions, endpoint
 from vemlight.settings import Wire
 
 
-@pytest.mark.parametrize(
-    ("mode", "accepted"),
-    [
-        (0o700, True),
-        (0o500, True),
-        (0o710, False),
-        (0o750, False),
-        (0o720, False),
-        (0o701, False),
-    ],
-)
+@pytest.mark.parametrize(("mode", "accepted"), [
+    (0o700, True), (0o500, True), (0o710, False), (0o750, False), (0o720, False), (0o701, False),
+])
 def test_only_this_user_may_use_the_sockets_folder(tmp_path, mode, accepted):
     folder = tmp_path / "s"
     folder.mkdir()
@@ -140,11 +132,8 @@ def test_a_socket_belongs_to_one_process(tmp_path):
 
 
 def test_each_service_has_two_ports_of_its_own():
-    addresses = [
-        endpoint(Wire(transport="tcp", insecure=True), service, role)
-        for service in ("capture", "sampler", "renderer", "viewer", "plate")
-        for role in ("publish", "serve")
-    ]
+    addresses = [endpoint(Wire(transport="tcp", insecure=True), service, role)
+                 for service in ("capture", "sampler", "renderer", "viewer", "plate") for role in ("publish", "serve")]
     assert addresses == [f"tcp://127.0.0.1:{port}" for port in range(5600, 5610)]
 
 
@@ -155,7 +144,7 @@ def test_each_service_has_two_ports_of_its_own():
         (lambda text: text[:-30], "no secret key"),
         (lambda text: text.replace(b'public-key = "', b"public-key "), "holds no key"),
         (lambda text: text.replace(b'secret-key = "', b'secret-key = "#'), "no secret key"),
-        (lambda text: text.replace(b'secret-key = "', b'secret-key = "\xff\xff'), "no secret key"),
+        (lambda text: text.replace(b'secret-key = "', b"secret-key = \"\xff\xff"), "no secret key"),
         (lambda text: re.sub(rb'(public-key = ").', rb"\1#", text), "do not fit"),
         (lambda text: re.sub(rb'(secret-key = ").{40}', rb"\1" + b"#" * 40, text), "do not fit"),
         (lambda text: text + b"\n" * 4096, "at most 4096"),

@@ -26,7 +26,7 @@ SQUARE = """
 
 
 def usda(body: str, metadata: str = 'metersPerUnit = 1\n    upAxis = "Y"') -> str:
-    return f"#usda 1.0\n(\n    {metadata}\n)\n{body}\n"
+    return f'#usda 1.0\n(\n    {metadata}\n)\n{body}\n'
 
 
 def mesh(name: str, more: str = "", square: str = SQUARE) -> str:
@@ -89,7 +89,8 @@ def surface(inputs: str, name: str = "paint", more: str = "") -> str:
 
 BIND = 'def Mesh "square" (prepend apiSchemas = ["MaterialBindingAPI"]) {{{}\n        rel material:binding = </paint>\n{}\n}}\n'
 UVS = (
-    'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "faceVarying")\nint[] primvars:st:indices = [0, 1, 2, 3]'
+    "texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = \"faceVarying\")\n"
+    "int[] primvars:st:indices = [0, 1, 2, 3]"
 )
 
 
@@ -108,12 +109,12 @@ def texture(key: str, output: str, file: str, more: str = "") -> tuple[str, str]
     return inputs, shader
 
 
-READER = """    def Shader "reader" {
+READER = '''    def Shader "reader" {
         uniform token info:id = "UsdPrimvarReader_float2"
         string inputs:varname = "st"
         float2 outputs:result
     }
-"""
+'''
 
 
 def test_a_preview_surface_is_a_material(tmp_path):
@@ -171,19 +172,19 @@ def test_display_colours_of_every_interpolation(tmp_path):
         part = read(tmp_path, usda(mesh("square", shown))).parts[0]
         assert part.geometry.colours is not None
         np.testing.assert_allclose(part.geometry.colours[:, :3], np.tile([0.5, 0.25, 1], (len(part.geometry.colours), 1)), atol=1e-6)
-    wrong = 'color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (interpolation = "vertex")'
+    wrong = "color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (interpolation = \"vertex\")"
     made = read(tmp_path, usda(mesh("square", wrong)))
     assert any("displayColor of square is left out" in line for line in made.unsupported)
 
 
 def test_subsets_have_their_own_materials(tmp_path):
     two = SQUARE.replace("[4]", "[3, 3]").replace("[0, 1, 2, 3]", "[0, 1, 2, 0, 2, 3]")
-    subset = """    def GeomSubset "half" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    subset = '''    def GeomSubset "half" (prepend apiSchemas = ["MaterialBindingAPI"]) {
         uniform token elementType = "face"
         uniform token familyName = "materialBind"
         int[] indices = [1]
         rel material:binding = </other>
-    }"""
+    }'''
     text = surface("color3f inputs:diffuseColor = (1, 0, 0)") + surface("color3f inputs:diffuseColor = (0, 1, 0)", "other")
     parts = read(tmp_path, usda(text + BIND.format(two, subset))).parts
     assert [part.material.base_color[:2] for part in parts] == [(1, 0), (0, 1)]  # type: ignore[union-attr]
@@ -196,14 +197,14 @@ def test_references_instances_and_point_instances(tmp_path):
     (tmp_path / "parts" / "thing.usda").write_text(thing)
     reference = 'def "{}" (instanceable = true\n    prepend references = @./parts/thing.usda@) {{\n'
     order = '    double3 xformOp:translate = ({}, 0, 0)\n    uniform token[] xformOpOrder = ["xformOp:translate"]\n}}\n'
-    instancer = """def PointInstancer "many" {
+    instancer = '''def PointInstancer "many" {
     int[] protoIndices = [0, 0, 0]
     point3f[] positions = [(0, 0, 10), (0, 0, 20), (0, 0, 30)]
     rel prototypes = </many/proto>
     int64[] invisibleIds = [1]
     def "proto" (prepend references = @./parts/thing.usda@) {}
 }
-"""
+'''
     two = reference.format("a") + order.format(5) + reference.format("b") + order.format(9)
     parts = read(tmp_path, usda(two + instancer)).parts
     places = sorted(tuple(np.round(part.geometry.positions.mean(axis=0), 4).tolist()) for part in parts)
@@ -219,7 +220,7 @@ def test_what_is_hidden_or_of_another_purpose_is_not_drawn(tmp_path):
 
 
 def test_cameras_are_presets_and_time_samples_animation(tmp_path):
-    camera = """def Camera "Front" {
+    camera = '''def Camera "Front" {
     float focalLength = 50
     float verticalAperture = 36.4
     double3 xformOp:translate = (0, 1, 8)
@@ -229,7 +230,7 @@ def Xform "swing" {
     double3 xformOp:translate.timeSamples = { 1: (0, 0, 0), 25: (4, 0, 0) }
     float xformOp:rotateZ.timeSamples = { 1: 0, 25: 90 }
     uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateZ"]
-"""
+'''
     range_s = 'metersPerUnit = 1\n    upAxis = "Y"\n    startTimeCode = 1\n    endTimeCode = 25\n    timeCodesPerSecond = 24'
     made = read(tmp_path, usda(camera + mesh("square") + "}", range_s))
     assert [(c.name, round(c.fov_y_deg or 0, 2)) for c in made.cameras] == [("Front", 40.0)]

@@ -52,15 +52,8 @@ def test_too_few_bytes_are_no_frame() -> None:
 @pytest.mark.parametrize(
     ("last", "now", "lost"),
     [
-        (-1, 17, 0),
-        (3, 4, 0),
-        (3, 8, 4),
-        (2**32 - 1, 0, 0),
-        (2**32 - 2, 1, 2),
-        (5, 5, 0),
-        (9, 2, 0),
-        (0, 2**31, 2**31 - 1),
-        (0, 2**31 + 1, 0),  # half the range ahead, and half of it back
+        (-1, 17, 0), (3, 4, 0), (3, 8, 4), (2**32 - 1, 0, 0), (2**32 - 2, 1, 2), (5, 5, 0), (9, 2, 0),
+        (0, 2**31, 2**31 - 1), (0, 2**31 + 1, 0),  # half the range ahead, and half of it back
     ],
 )
 def test_lost_frames_are_known_by_number(last: int, now: int, lost: int) -> None:

@@ -139,7 +139,7 @@ def test_the_eye_takes_15_percent_of_the_way_to_a_new_brightness():
     sky = Sky()
     codes_of(np.empty(0), sky)
     after = sky.codes(np.full((90, 360, 3), 4.0, np.float32), "hemisphere")[0, 0, 0]
-    assert abs(int(after) - code(0.2 * 4**0.85)) <= 1
+    assert abs(int(after) - code(0.2 * 4 ** 0.85)) <= 1
 
 
 def test_black_cells_count_as_a_millionth_of_the_mean():

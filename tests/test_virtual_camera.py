@@ -28,7 +28,9 @@ from vemlight.light.sphere import (
 )
 from vemlight.settings import Capture
 
-LENS = Lens(size=(240, 240), f=(69.0, 69.0), c=(119.3, 119.8), k1=-0.01, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0, vignetting=(-0.05,))
+LENS = Lens(
+    size=(240, 240), f=(69.0, 69.0), c=(119.3, 119.8), k1=-0.01, k2=0.0, k3=0.0, k4=0.0, rim_deg=95.0, vignetting=(-0.05,)
+)
 PIXEL = 1 / 69
 B = 4095 / np.log(1e9)
 LOG = Log(bits=12, a=float(-B * np.log(1e-3)), b=float(B), c=1e-3)

@@ -125,7 +125,9 @@ def test_gloss_shows_them_as_lights_and_the_map_as_it_is(as_points):
 
 def test_the_largest_control_fits_into_a_header():
     name = "\U0001f4a1" * 61
-    poses = tuple(Pose(name=f"{name}{k:03d}", position=(0.1, 0.2, 0.3), rotation=(0.5, 0.5, 0.5, 0.5), power=1.5) for k in range(MAX_POSES))
+    poses = tuple(
+        Pose(name=f"{name}{k:03d}", position=(0.1, 0.2, 0.3), rotation=(0.5, 0.5, 0.5, 0.5), power=1.5) for k in range(MAX_POSES)
+    )
     points = tuple((k + 0.123, 10.1) for k in range(MAX_POINTS // 16))
     masks = tuple({"points": points, "width_deg": 1.5, "mode": "dark"} for _ in range(16))
     lamps = tuple(

@@ -181,7 +181,9 @@ class Masking:
         return frame._replace(radiance=radiance, bright_cells=bright, masks=masks, masked_cells=cells)
 
 
-def masked_map(radiance: np.ndarray, bright: BrightCells, weights: MaskWeights, coverage: Coverage) -> tuple[np.ndarray, BrightCells]:
+def masked_map(
+    radiance: np.ndarray, bright: BrightCells, weights: MaskWeights, coverage: Coverage
+) -> tuple[np.ndarray, BrightCells]:
     """A polar map (rows, cols, 3) float32 and its bright cells without what the masks cover.
 
     Of a bright cell that part of the light is covered whose samples are. Cells that are nan, infinite or negative count as dark around a

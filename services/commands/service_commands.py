@@ -29,13 +29,7 @@ COLOURS = {"pass": "green", "warn": "yellow", "fail": "red"}
 @click.option("--rig", type=PATH, help="Real fixtures to drive, as [fixtures] rig; `bundled`: one to try. A preview until it is armed.")
 @source_options
 def run(
-    settings: Path | None,
-    source: str | None,
-    frames: int | None,
-    out: Path | None,
-    mode: "Mode | None",
-    overwrite: bool,
-    rig: Path | None,
+    settings: Path | None, source: str | None, frames: int | None, out: Path | None, mode: "Mode | None", overwrite: bool, rig: Path | None,
     **reading: object,
 ) -> None:
     """Start capture, sampler, renderer and viewer, and supervise them. With --out, a run that was cut off goes on where it ended."""

@@ -57,13 +57,11 @@ def _type(kind: inspect.Type) -> str:
         inspect.IntType: "integer",
         inspect.FloatType: "number",
         inspect.BoolType: "`true` or `false`",
-        inspect.VarTupleType: "list of tables"
-        if isinstance(kind, inspect.VarTupleType) and isinstance(kind.item_type, inspect.StructType)
+        inspect.VarTupleType: "list of tables" if isinstance(kind, inspect.VarTupleType) and isinstance(kind.item_type, inspect.StructType)
         else "list of texts",
         inspect.TupleType: "list of two numbers",
         inspect.StructType: "table",
-        inspect.DictType: "table: service = text"
-        if isinstance(kind, inspect.DictType) and isinstance(kind.value_type, inspect.StrType)
+        inspect.DictType: "table: service = text" if isinstance(kind, inspect.DictType) and isinstance(kind.value_type, inspect.StrType)
         else "table: name = integer",
     }
     return names[type(kind)]

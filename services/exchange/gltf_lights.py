@@ -67,7 +67,9 @@ def _extras(lights: LightSet, punctual: Punctual) -> list[dict[str, Any]]:
     """What the extension has no place for."""
     return [
         {"id": number, "irradiance": irradiance, "angle_deg": angle}
-        for number, irradiance, angle in zip(lights.ids.tolist(), lights.irradiance.tolist(), punctual.angle_deg.tolist(), strict=True)
+        for number, irradiance, angle in zip(
+            lights.ids.tolist(), lights.irradiance.tolist(), punctual.angle_deg.tolist(), strict=True
+        )
     ]
 
 

@@ -71,7 +71,7 @@ def adjusted(bearings: np.ndarray, start: Poses, scale: ScaleBar, names: Sequenc
     if (found := relative_poses(bearings, seen, start)) is not None:
         candidates.append(_scaled(found, scale))
     solved = [_rounds(bearings, seen, candidate, scale) for candidate in candidates]
-    best = min(solved, key=lambda one: one.residual_rad * math.sqrt(seen.sum() / max(one.used.sum(), 1)) ** 3)
+    best = min(solved, key=lambda one: (one.residual_rad * math.sqrt(seen.sum() / max(one.used.sum(), 1)) ** 3))
     _check_fit(best, seen, names)
     return best
 

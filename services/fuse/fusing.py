@@ -239,7 +239,9 @@ def _near_lights(near: Tracks, centre: np.ndarray, misfit: float) -> NearLightSe
     """The lights as they are handed on; what fits worse than promised is known less well (Birge 1932)."""
     flux = np.exp(near.s)[:, None] * near.chroma / luminance_from_rgb(near.chroma)[:, None]
     sigma = np.sqrt(misfit * np.trace(near.place_covariances(), axis1=1, axis2=2))
-    return NearLightSet.of(near.ids, centre + near.offsets(), flux / near.rho[:, None] ** 2, np.sqrt(2 * near.spread) / near.rho, sigma)
+    return NearLightSet.of(
+        near.ids, centre + near.offsets(), flux / near.rho[:, None] ** 2, np.sqrt(2 * near.spread) / near.rho, sigma
+    )
 
 
 def _unexplained(matched: Matches, seen: SeenSources, found: Sequence[CompactSources | None]) -> list[np.ndarray]:
@@ -280,12 +282,7 @@ def _rest(
 
 
 def _taken(
-    k: int,
-    seen_map: EnvironmentMap,
-    sources: CompactSources,
-    near: Tracks,
-    seen: SeenSources,
-    world_from_camera: np.ndarray,
+    k: int, seen_map: EnvironmentMap, sources: CompactSources, near: Tracks, seen: SeenSources, world_from_camera: np.ndarray,
     gain: np.ndarray,
 ) -> np.ndarray:
     """The share (n, 3) of each source of camera k that is light of near lights: all of one that was matched; of one in whose cells a light

@@ -156,7 +156,9 @@ class LiveCameras:
         return any(self._ended) and all(ended or left_out for ended, left_out in zip(self._ended, silent, strict=True))
 
 
-def _run_live(state: FuseState, settings: Settings, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal) -> None:
+def _run_live(
+    state: FuseState, settings: Settings, transport: Transport, publisher: Any, stats: ServiceStats, stop: StopSignal
+) -> None:
     cameras = LiveCameras(transport, settings, stats)
     poller = zmq.Poller()
     for socket in (*cameras.sockets, publisher):
@@ -212,5 +214,7 @@ def _run_lossless(
             _publish(made[due], publisher, stats, started_s)
             due += 1
             made.pop(due - CACHED_FRAMES, None)
-        supply.send(lambda k: made[k].map if k in made else None, end=inputs.earliest_end, beside=lambda k: made[k].points)
+        supply.send(
+            lambda k: made[k].map if k in made else None, end=inputs.earliest_end, beside=lambda k: made[k].points
+        )
         publish_status(publisher, stats)

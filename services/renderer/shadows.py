@@ -24,5 +24,5 @@ def chosen_shadows(wanted: Shadows, shadow_map: int | None, on_processor: bool) 
         return kind
     if wanted == "rays":
         raise UserError('[renderer] shadows: "rays" takes the package embreex, which is not installed; install it, or choose "maps"')
-    notice("[renderer] shadows: drawn by maps, since embreex is not installed; with it thin things, slits and corners are exact")
+    notice('[renderer] shadows: drawn by maps, since embreex is not installed; with it thin things, slits and corners are exact')
     return "maps"

@@ -228,7 +228,7 @@ class RendererStage:
             width=width,
             height=height,
             linear=self._linear,
-            objects=shown.pose.objects[:MAX_POSES],
+            objects=shown.pose.objects[: MAX_POSES],
             tone_scale=min(curve.scale, MAX_RADIANCE),
             tone_white=min(curve.white or 0.0, MAX_RADIANCE),
             report=ImageReport(

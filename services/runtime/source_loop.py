@@ -81,7 +81,9 @@ def run_host(settings: Settings, host: Host, service: Instance, restarts: int = 
         transport.close()
 
 
-def _run_live(settings: Settings, transport: Transport, host: Host, service: Instance, restarts: int, in_step: bool = False) -> None:
+def _run_live(
+    settings: Settings, transport: Transport, host: Host, service: Instance, restarts: int, in_step: bool = False
+) -> None:
     """Files wait for the listeners before the first frame; a camera goes on, and of so many frames those before are none."""
     stop, stats = StopSignal(), ServiceStats(service, restarts)
     publisher = transport.bind(service, "publish")

@@ -46,7 +46,9 @@ TERMINATED = 128 + signal.SIGTERM  # as shells count
 class Child:
     """One instance's process, and when it died."""
 
-    def __init__(self, service: Instance, settings_file: Path, listeners: Sequence[Instance] = (), arguments: Sequence[str] = ()) -> None:
+    def __init__(
+        self, service: Instance, settings_file: Path, listeners: Sequence[Instance] = (), arguments: Sequence[str] = ()
+    ) -> None:
         """listeners: those that the first process waits for before it plays frames, if it is a source. arguments: behind the file."""
         self.service: Instance = service
         self._settings_file, self._listeners, self._arguments = settings_file, " ".join(listeners), arguments

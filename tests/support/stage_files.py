@@ -53,7 +53,7 @@ FOCUS = f'<FocusPoint name="target" uuid="f1"><Matrix>{HANGING}{{0,0,1600}}</Mat
 FIXTURES = (
     fixture("key", HANGING + "{2000,1000,4000}", "513"),
     f'<GroupObject name="truss" uuid="g"><Matrix>{{0,1,0}}{{-1,0,0}}{{0,0,1}}{{0,0,3000}}</Matrix><ChildList>'
-    f"{fixture('fill', TOWARDS_X + '{-3000,0,0}', '1.100')}</ChildList></GroupObject>",
+    f'{fixture("fill", TOWARDS_X + "{-3000,0,0}", "1.100")}</ChildList></GroupObject>',
     fixture("head", HANGING + "{0,3000,4000}", "30", "Moving", "f1"),
 )
 

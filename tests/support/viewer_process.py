@@ -61,7 +61,9 @@ def frames_of(sequence: int, count: int = 72) -> dict[Service, wire.Message]:
             (np.arange(count), directions, irradiance, directions[:0], irradiance[:0]),
         ),
         "renderer": (
-            wire.ImageMessage(stamp=stamp, width=64, height=48, objects=OBJECTS, report=ImageReport(drawn_lights=count, render_ms=5.0)),
+            wire.ImageMessage(
+                stamp=stamp, width=64, height=48, objects=OBJECTS, report=ImageReport(drawn_lights=count, render_ms=5.0)
+            ),
             (pixels,),
         ),
     }

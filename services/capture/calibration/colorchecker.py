@@ -188,9 +188,8 @@ def _windows(places: dict[tuple[int, int], np.ndarray]) -> list[np.ndarray]:
     for turn in range(4):
         turned = spots if turn % 2 == 0 else spots[:, ::-1] * [1, -1]
         turned = turned if turn < 2 else -turned
-        for row, col in itertools.product(
-            range(turned[:, 0].min() - ROWS + 1, turned[:, 0].max() + 1), range(turned[:, 1].min() - COLS + 1, turned[:, 1].max() + 1)
-        ):
+        for row, col in itertools.product(range(turned[:, 0].min() - ROWS + 1, turned[:, 0].max() + 1),
+                                          range(turned[:, 1].min() - COLS + 1, turned[:, 1].max() + 1)):
             at = turned - (row, col)
             inside = np.all((at >= 0) & (at < (ROWS, COLS)), axis=1)
             if np.count_nonzero(inside) >= MIN_PATCHES:

@@ -146,7 +146,9 @@ def _check_enough(views: list[BoardView], without_board: list[str]) -> None:
     if len(views) < MIN_VIEWS:
         names = f"{', '.join(without_board[:3])}{' ..' if len(without_board) > 3 else ''}"
         hint = f"; none was found in {names}: check --board" if without_board else ""
-        raise UserError(f"only {len(views)} usable views of the board and {MIN_VIEWS} are needed{hint}; take more, sharp, from all sides")
+        raise UserError(
+            f"only {len(views)} usable views of the board and {MIN_VIEWS} are needed{hint}; take more, sharp, from all sides"
+        )
 
 
 def _first_estimate(views: list[BoardView], size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

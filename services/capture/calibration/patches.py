@@ -55,7 +55,7 @@ def read_patches(path: Path) -> list[Patch]:
 def _table(text: str) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """The names of the columns in lower case, without units in brackets; and the rows that hold something, with their lines' numbers."""
     lines = re.split(r"\r\n|\n|\r", text)
-    first = next((k for k, line in enumerate(lines) if line.strip(' ;,\t"') and not re.match(r"sep=.$", line)), 0)
+    first = next((k for k, line in enumerate(lines) if line.strip(" ;,\t\"") and not re.match(r"sep=.$", line)), 0)
 
     def named(separator: str) -> list[str]:
         fields = next(csv.reader(io.StringIO(lines[first]), delimiter=separator, skipinitialspace=True), [])

@@ -49,7 +49,9 @@ def open_scene(maps: tuple[str, ...], seed: int) -> LightScene:
     return scene
 
 
-def simulate(lighting: Lighting, camera: VirtualCamera, out: Path, *, frames: int = 0, truth_maps: bool = False, seed: int = 0) -> None:
+def simulate(
+    lighting: Lighting, camera: VirtualCamera, out: Path, *, frames: int = 0, truth_maps: bool = False, seed: int = 0
+) -> None:
     """Takes `frames` frames (0: one for each map) and writes them as NAME_0000.exr .. to `out`, with lens.toml, response.toml,
     manifest.jsonl and truth.jsonl beside them.
 

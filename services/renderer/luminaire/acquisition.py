@@ -65,16 +65,8 @@ def quantised(values: np.ndarray, peak: float, bits: int) -> np.ndarray:
 
 
 def field_from_radiance(
-    radiance: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    planes: AcquisitionPlanes,
-    dual: Dual,
-    half_source_m: tuple[float, float],
-    *,
-    unit: Unit = "radiometric",
-    name: str = "",
-    per_spacing: int = 16,
-    per_pixel: int = 1,
-    quantisation: Quantisation | None = None,
+    radiance: Callable[[np.ndarray, np.ndarray], np.ndarray], planes: AcquisitionPlanes, dual: Dual, half_source_m: tuple[float, float], *,
+    unit: Unit = "radiometric", name: str = "", per_spacing: int = 16, per_pixel: int = 1, quantisation: Quantisation | None = None,
 ) -> LightField:
     """The light field of `radiance(u, s)`, points (n, 2) of both planes to (n, 3), which is 0 beyond half_source_m along u or v.
 
@@ -178,10 +170,8 @@ def field_from_rays(rays: Rays, planes: AcquisitionPlanes, plane_z_m: float, uni
     on_both = on_sampling & np.all((pixel_xy >= 0) & (pixel_xy < size), axis=-1)
     # each ray's flux goes to its pixel of every image, through that image's filter
     dual = span_dual(planes.basis_kind)
-    along = [
-        dual_value(dual, u[on_both, axis, None] / planes.spacing_m - (np.arange(n) - (n - 1) / 2))
-        for axis, n in enumerate((planes.cols, planes.rows))
-    ]
+    along = [dual_value(dual, u[on_both, axis, None] / planes.spacing_m - (np.arange(n) - (n - 1) / 2))
+             for axis, n in enumerate((planes.cols, planes.rows))]
     carried, pixel = rays.flux[forward][on_both], pixel_xy[on_both, 1] * planes.width + pixel_xy[on_both, 0]
     area = 4 * planes.half_window_m[0] * planes.half_window_m[1] / (planes.width * planes.height)
     images = np.empty((planes.rows, planes.cols, planes.height * planes.width, 3))
@@ -191,11 +181,8 @@ def field_from_rays(rays: Rays, planes: AcquisitionPlanes, plane_z_m: float, uni
     field = planes.field(images.reshape(planes.rows, planes.cols, planes.height, planes.width, 3), unit, name)
     ahead, captured = flux[forward], float(luminance_from_rgb(images.sum(axis=(0, 1, 2)) * area))
     return field, FluxBudget(
-        total=float(flux.sum()),
-        captured=captured,
-        backward=float(flux[~forward].sum()),
-        outside_sampling_plane=float(ahead[~on_sampling].sum()),
-        outside_measurement_plane=float(ahead[on_sampling & ~on_both].sum()),
+        total=float(flux.sum()), captured=captured, backward=float(flux[~forward].sum()),
+        outside_sampling_plane=float(ahead[~on_sampling].sum()), outside_measurement_plane=float(ahead[on_sampling & ~on_both].sum()),
         filter_tails=float(ahead[on_both].sum()) - captured,
     )
 

@@ -70,16 +70,8 @@ def measure(path: Path, out: Path) -> LightField:
         support = SUPPORT_CELLS[planes.basis_kind]
         raise UserError(f"{path}: dual_width {recipe.dual_width:g} is under the {support} spacings of the basis; widen it")
     dual = span_dual(planes.basis_kind) if recipe.dual == "span" else compact_dual(planes.basis_kind, recipe.dual_width)
-    field = measured_lamp(
-        recipe.lamp,
-        planes,
-        dual,
-        unit=recipe.unit,
-        name=recipe.name,
-        per_spacing=recipe.per_spacing,
-        per_pixel=recipe.per_pixel,
-        quantisation=Quantisation(recipe.slide_bits, recipe.camera_bits),
-    )
+    field = measured_lamp(recipe.lamp, planes, dual, unit=recipe.unit, name=recipe.name, per_spacing=recipe.per_spacing,
+                          per_pixel=recipe.per_pixel, quantisation=Quantisation(recipe.slide_bits, recipe.camera_bits))
     if recipe.half and np.abs(field.images).max() > np.finfo(np.float16).max:
         raise UserError(f"{path}: half = true holds values to 65504 and the lamp reaches {np.abs(field.images).max():.3g}; take it out")
     write_luminaire(out, field._replace(images=field.images.astype(np.float16 if recipe.half else np.float32)))

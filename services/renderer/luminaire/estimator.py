@@ -100,14 +100,8 @@ def interleaved_shifts(rows: np.ndarray, columns: np.ndarray, side: int) -> np.n
     return shift
 
 
-def shade(
-    tables: SummedAreaTables,
-    receivers: Receivers,
-    shifts: np.ndarray,
-    samples: int,
-    max_per_image: int = 0,
-    occluders: Occluders = NO_OCCLUDERS,
-) -> np.ndarray:
+def shade(tables: SummedAreaTables, receivers: Receivers, shifts: np.ndarray, samples: int, max_per_image: int = 0,
+          occluders: Occluders = NO_OCCLUDERS) -> np.ndarray:
     """Reflected radiance (n, 3) float64 of receivers under a luminaire, about `samples` samples each.
 
     shifts: (n, 3) from `interleaved_shifts`. max_per_image: K_max, the most samples of one image at a point (0: no cap). occluders: what
@@ -165,16 +159,8 @@ def _shade(tables, receivers, shifts, points, limits, occluders, out):
         p = receivers.positions[n]
         if not p[2] > 0:
             continue
-        receiver = Receiver(
-            p,
-            receivers.normals[n],
-            receivers.flat_normals[n],
-            receivers.mirrored[n],
-            receivers.diffuse[n],
-            receivers.specular[n],
-            receivers.shape[n],
-            receivers.ggx[n],
-        )
+        receiver = Receiver(p, receivers.normals[n], receivers.flat_normals[n], receivers.mirrored[n], receivers.diffuse[n],
+                            receivers.specular[n], receivers.shape[n], receivers.ggx[n])
         # the light of each image through what the point sees of it
         total = 0.0
         for m in range(len(weights)):

@@ -135,30 +135,12 @@ def _reflected(d, normal):
     return _unit(d[0] - across * normal[0], d[1] - across * normal[1], d[2] - across * normal[2])
 
 
-def measured_lamp(
-    lamp: ReflectorLamp,
-    planes: AcquisitionPlanes,
-    dual: Dual,
-    *,
-    unit: Unit = "photometric",
-    name: str = "lamp",
-    per_spacing: int = 16,
-    per_pixel: int = 1,
-    quantisation: Quantisation | None = None,
-) -> LightField:
+def measured_lamp(lamp: ReflectorLamp, planes: AcquisitionPlanes, dual: Dual, *, unit: Unit = "photometric", name: str = "lamp",
+                  per_spacing: int = 16, per_pixel: int = 1, quantisation: Quantisation | None = None) -> LightField:
     """The lamp's light field as the goniophotometer measures it; the options are those of `field_from_radiance`."""
     r = lamp.aperture_radius_m
-    return field_from_radiance(
-        lambda u, s: lamp_radiance(lamp, u, s, planes.distance_m),
-        planes,
-        dual,
-        (r, r),
-        unit=unit,
-        name=name,
-        per_spacing=per_spacing,
-        per_pixel=per_pixel,
-        quantisation=quantisation,
-    )
+    return field_from_radiance(lambda u, s: lamp_radiance(lamp, u, s, planes.distance_m), planes, dual, (r, r), unit=unit, name=name,
+                               per_spacing=per_spacing, per_pixel=per_pixel, quantisation=quantisation)
 
 
 def lamp_rays(lamp: ReflectorLamp, count: int, spread: float, seed: int) -> Rays:

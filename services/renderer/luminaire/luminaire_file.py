@@ -55,12 +55,8 @@ def write_luminaire(path: Path, field: LightField) -> None:
     dtype = np.float16 if field.images.dtype == np.float16 else np.float32
     parts = []
     for j, i in np.ndindex(rows, cols):
-        header = {
-            "compression": OpenEXR.ZIP_COMPRESSION,
-            "type": OpenEXR.scanlineimage,
-            "chromaticities": REC709,
-            "colorInteropID": "lin_rec709_scene",
-        }
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "chromaticities": REC709,
+                  "colorInteropID": "lin_rec709_scene"}
         if not parts:
             header[HEADER_ATTRIBUTE] = text
         pixels = np.ascontiguousarray(field.images[j, i, ::-1], dtype)
@@ -75,17 +71,8 @@ def write_luminaire(path: Path, field: LightField) -> None:
 def header_of(field: LightField) -> LuminaireHeader:
     """The header of a light field's file."""
     rows, cols = field.images.shape[:2]
-    return LuminaireHeader(
-        name=field.name,
-        basis=field.basis_kind,
-        rows=rows,
-        cols=cols,
-        spacing_m=field.spacing_m,
-        first_m=field.first_m,
-        distance_m=field.distance_m,
-        window_m=field.window_m,
-        unit=field.unit,
-    )
+    return LuminaireHeader(name=field.name, basis=field.basis_kind, rows=rows, cols=cols, spacing_m=field.spacing_m, first_m=field.first_m,
+                           distance_m=field.distance_m, window_m=field.window_m, unit=field.unit)
 
 
 def read_luminaire(path: Path) -> LightField:
@@ -118,10 +105,8 @@ def read_luminaire(path: Path) -> LightField:
             grid = f"{geometry.rows} x {geometry.cols}"
             raise UserError(f"{path}: has no RGB part image_{j}_{i} of the {grid} that its header announces; copy it again")
         if images and pixels.shape != images[0].shape:
-            raise UserError(
-                f"{path}: part image_{j}_{i} is {pixels.shape[1]} x {pixels.shape[0]} and the first is "
-                f"{images[0].shape[1]} x {images[0].shape[0]}; write all parts in one size"
-            )
+            raise UserError(f"{path}: part image_{j}_{i} is {pixels.shape[1]} x {pixels.shape[0]} and the first is "
+                           f"{images[0].shape[1]} x {images[0].shape[0]}; write all parts in one size")
         images.append(pixels)
     if geometry.rows * geometry.cols * images[0].size > 3 * LIMITS.pixels:
         raise UserError(f"{path}: holds more than {LIMITS.pixels} pixels; make the images smaller")
@@ -129,17 +114,14 @@ def read_luminaire(path: Path) -> LightField:
     if not np.all(np.isfinite(stack)):
         raise UserError(f"{path}: {np.count_nonzero(~np.isfinite(stack))} values are nan or inf; measure it again or repair the images")
     stack = stack.reshape(geometry.rows, geometry.cols, *images[0].shape)
-    return LightField(
-        stack, geometry.basis, geometry.spacing_m, geometry.first_m, geometry.distance_m, geometry.window_m, geometry.unit, geometry.name
-    )
+    return LightField(stack, geometry.basis, geometry.spacing_m, geometry.first_m, geometry.distance_m, geometry.window_m, geometry.unit,
+                      geometry.name)
 
 
 def _parts(path: Path) -> list[tuple[str, dict, np.ndarray]]:
     """(name, attributes, RGB pixels) of each part of an EXR."""
-    found = [
-        (part.name(), dict(part.header), part.channels["RGB"].pixels if "RGB" in part.channels else np.zeros(0))
-        for part in read_parts(path)[:MAX_IMAGES]
-    ]
+    found = [(part.name(), dict(part.header), part.channels["RGB"].pixels if "RGB" in part.channels else np.zeros(0))
+             for part in read_parts(path)[:MAX_IMAGES]]
     if not found:
         raise UserError(f"{path}: is not a readable EXR (no image in it); it may be truncated, copy it again")
     return found

@@ -14,27 +14,11 @@ from vemlight.files import read_file
 from vemlight.light.colour import LUMINANCE_WEIGHTS
 from vemlight.renderer.luminaire.acquisition import Rays
 
-TM25_HEADER = np.dtype(
-    [
-        ("magic", "S4"),
-        ("version", "<i4"),
-        ("creation", "<i4"),
-        ("luminous_flux", "<f4"),
-        ("radiant_flux", "<f4"),
-        ("rays", "<u8"),
-        ("date", "S28"),
-        ("start", "<i4"),
-        ("spectral", "<i4"),
-        ("wavelength", "<f4"),
-        ("wavelength_low", "<f4"),
-        ("wavelength_high", "<f4"),
-        ("spectra", "<i4"),
-        ("additional_items", "<i4"),
-        ("additional_text", "<i4"),
-        ("reserved", "S168"),
-        ("flags", "<i4", 8),
-    ]
-)
+TM25_HEADER = np.dtype([
+    ("magic", "S4"), ("version", "<i4"), ("creation", "<i4"), ("luminous_flux", "<f4"), ("radiant_flux", "<f4"), ("rays", "<u8"),
+    ("date", "S28"), ("start", "<i4"), ("spectral", "<i4"), ("wavelength", "<f4"), ("wavelength_low", "<f4"), ("wavelength_high", "<f4"),
+    ("spectra", "<i4"), ("additional_items", "<i4"), ("additional_text", "<i4"), ("reserved", "S168"), ("flags", "<i4", 8),
+])
 TEXTS, TEXT_BYTES = 9, 4000  # name, manufacturer, ... of 1000 UTF-32 characters each
 POSITION, DIRECTION, RADIANT, WAVELENGTH, LUMINOUS, STOKES, TRISTIMULUS, SPECTRUM = range(8)  # the flags, in their order
 # The items of a ray in the order of its row, with their number of floats; additional items follow.
@@ -112,7 +96,6 @@ def colour_of_spectrum(wavelength_nm: np.ndarray, weight: np.ndarray) -> np.ndar
 
     CIE 1931 functions by Wyman, Sloan and Shirley 2013, Simple Analytic Approximations to the CIE XYZ Color Matching Functions.
     """
-
     def lobe(peak: float, below: float, above: float) -> np.ndarray:
         return np.exp(-0.5 * ((wavelength_nm - peak) * np.where(wavelength_nm < peak, below, above)) ** 2)
 

@@ -58,9 +58,8 @@ def irradiance(field: LightField, point: np.ndarray, normal: np.ndarray | None =
     s = u + (field.distance_m / depth) * (point[:2] - u)  # equation 7 of Lu et al. 2015 with the `u +` that its print leaves out
     row, column, inside = pixel_at(field, s)
     kernel = kernel * inside
-    phi_u, phi_v = (
-        basis(field.basis_kind, (along[:, None] - centres) / field.spacing_m) for along, centres in zip(nodes, field.centres_m, strict=True)
-    )
+    phi_u, phi_v = (basis(field.basis_kind, (along[:, None] - centres) / field.spacing_m)
+                    for along, centres in zip(nodes, field.centres_m, strict=True))
     total = np.zeros(3)
     for j, i in np.ndindex(field.images.shape[:2]):
         a, b = np.flatnonzero(phi_v[:, j]), np.flatnonzero(phi_u[:, i])

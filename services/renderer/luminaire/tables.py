@@ -83,18 +83,8 @@ def summed_area_tables(field: LightField) -> SummedAreaTables:
         list(threads.map(lambda m: _sum(pixels[m], importance[m], sums[m]), range(rows * cols)))
     u, v = np.meshgrid(*field.centres_m)
     centres, half = np.stack([u.ravel(), v.ravel()], axis=-1), field.half_support_m
-    return SummedAreaTables(
-        sums,
-        pixels,
-        importance,
-        centres - half,
-        centres + half,
-        np.array(field.window_m[:2]),
-        np.array(field.pixel_m),
-        float(field.distance_m),
-        float(field.spacing_m),
-        SUPPORT_CELLS[field.basis_kind],
-    )
+    return SummedAreaTables(sums, pixels, importance, centres - half, centres + half, np.array(field.window_m[:2]), np.array(field.pixel_m),
+                            float(field.distance_m), float(field.spacing_m), SUPPORT_CELLS[field.basis_kind])
 
 
 @kernel(nogil=True)

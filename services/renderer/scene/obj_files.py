@@ -98,7 +98,9 @@ def read_obj(content: bytes, beside: FilesBeside) -> FileMeshes:
     return FileMeshes(meshes, beside.left_out)
 
 
-def _corners(statements: _Statements, places: np.ndarray, counts: np.ndarray, sizes: tuple[int, int, int], beside: FilesBeside) -> Corners:
+def _corners(
+    statements: _Statements, places: np.ndarray, counts: np.ndarray, sizes: tuple[int, int, int], beside: FilesBeside
+) -> Corners:
     """What each corner of the faces names, as numbers from 0; -1 where a corner has no texture coordinates or normal.
 
     A negative number counts back from the face's own line. sizes: how many positions, texture coordinates and normals there are.

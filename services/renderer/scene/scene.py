@@ -201,7 +201,7 @@ def _check_shadow_catchers(meshes: list[Mesh], path: Path) -> None:
     if len(catchers) > 1:
         raise UserError(f"{path}: has {len(catchers)} meshes with catcher = true; join them in one flat mesh")
     if catchers and np.ptp(catchers[0].geometry.normals, axis=0).max() > FLAT:
-        raise UserError(f'{path}: {catchers[0].name} with catcher = true is not flat; use shape = "plane"')
+        raise UserError(f"{path}: {catchers[0].name} with catcher = true is not flat; use shape = \"plane\"")
 
 
 class _MeshFiles:

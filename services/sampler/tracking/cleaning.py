@@ -88,3 +88,5 @@ def _smooth(row, old, per_clear_change, gain):
     for j in range(gain.size):
         for c in range(3):
             row[3 * j + c] = old[3 * j + c] + gain[j] * (row[3 * j + c] - old[3 * j + c])
+
+

@@ -34,7 +34,9 @@ WARPS: dict[WarpName, WarpKernels] = {
     "havran-azimuth": WarpKernels(
         havran.azimuth_tables, havran.azimuth_sample, havran.azimuth_density, havran.azimuth_inverse, points="disc"
     ),
-    "havran-radius": WarpKernels(havran.radius_tables, havran.radius_sample, havran.radius_density, havran.radius_inverse, points="disc"),
+    "havran-radius": WarpKernels(
+        havran.radius_tables, havran.radius_sample, havran.radius_density, havran.radius_inverse, points="disc"
+    ),
     "standard": WarpKernels(
         standard.standard_tables, standard.standard_sample, standard.standard_density, standard.standard_inverse, points="relaxed"
     ),

@@ -84,7 +84,9 @@ def _map_files(folder: Path) -> list[Path]:
 
     cells = BrightCells(np.array([3, 7]), np.array([[0, 0, 1], [0.6, 0, 0.8]], np.float32), np.array([0.5, 1], np.float32))
     for name, count in (("a", 1), ("b", 3)):
-        frames = (Frame(np.full((4, 8, 3), k, np.float32), "hemisphere", k / 25, None, 0, 0, cells, clipped=False) for k in range(count))
+        frames = (
+            Frame(np.full((4, 8, 3), k, np.float32), "hemisphere", k / 25, None, 0, 0, cells, clipped=False) for k in range(count)
+        )
         with open(folder / name, "wb") as file:
             write_maps(file, ChunkHeader("0" * 64, 0, count, "1" * 64, "hemisphere"), frames)
     return [folder / "a", folder / "b"]

@@ -98,11 +98,7 @@ def _usdz_bombs() -> dict[str, bytes]:
 
 
 INSTALLED = importlib.util.find_spec("pxr") is not None
-FORMATS: dict[str, Format] = (
-    {
-        "usd": Format(".usd", _usd_files, read_mesh, _usd_bombs, share=SHARE),
-        "usdz": Format(".usdz", _usdz_files, read_mesh, _usdz_bombs, share=SHARE),
-    }
-    if INSTALLED
-    else {}
-)
+FORMATS: dict[str, Format] = {
+    "usd": Format(".usd", _usd_files, read_mesh, _usd_bombs, share=SHARE),
+    "usdz": Format(".usdz", _usdz_files, read_mesh, _usdz_bombs, share=SHARE),
+} if INSTALLED else {}

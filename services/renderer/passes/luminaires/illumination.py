@@ -69,5 +69,5 @@ def _drawn(
     if luminaire.table.shadows != "traced":
         return RasterisedLuminaire(context, programs, occluders, scene, luminaire)
     if isinstance(luminaire.source, FarField):
-        raise UserError(f'luminaire {luminaire.source.name}: a far field has shadows = "maps" or "none"; choose one')
+        raise UserError(f"luminaire {luminaire.source.name}: a far field has shadows = \"maps\" or \"none\"; choose one")
     return TracedLuminaire(context, programs, occluders, luminaire, size)

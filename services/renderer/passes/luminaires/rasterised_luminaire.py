@@ -111,13 +111,8 @@ def field_inputs(context: moderngl.Context, luminaire: Luminaire, field: LightFi
     rows, cols = field.images.shape[:2]
     samples = luminaire.drawn.samples
     uniforms: dict[str, object] = {
-        "first_m": field.first_m,
-        "grid": (cols, rows),
-        "window": (*field.window_m[:2], *field.pixel_m),
-        "plane_distance": field.distance_m,
-        "spacing": field.spacing_m,
-        "samples": samples,
-        "max_per_image": luminaire.table.max_per_image or samples + 1,
+        "first_m": field.first_m, "grid": (cols, rows), "window": (*field.window_m[:2], *field.pixel_m), "plane_distance": field.distance_m,
+        "spacing": field.spacing_m, "samples": samples, "max_per_image": luminaire.table.max_per_image or samples + 1,
     }
     constants = {"SUPPORT_CELLS": str(SUPPORT_CELLS[field.basis_kind]), "IMAGES": str(rows * cols)}
     if luminaire.drawn.shift_invariant:

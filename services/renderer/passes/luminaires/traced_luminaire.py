@@ -72,13 +72,5 @@ def receivers_from_gbuffer(gbuffer: GBufferPixels, chosen: np.ndarray, local_fro
     mirrored = view - 2 * np.sum(view * normal, axis=1, keepdims=True) * normal
     diffuse, specular = gbuffer.diffuse[chosen], gbuffer.specular[chosen]
     position = gbuffer.positions[chosen] @ rotation + local_from_world[:3, 3]
-    return Receivers(
-        position,
-        normal @ rotation,
-        flat @ rotation,
-        mirrored @ rotation,
-        diffuse["albedo"],
-        specular["reflectance"],
-        specular["lobe"],
-        diffuse["kind"] == MaterialKind.GGX,
-    )
+    return Receivers(position, normal @ rotation, flat @ rotation, mirrored @ rotation, diffuse["albedo"], specular["reflectance"],
+                     specular["lobe"], diffuse["kind"] == MaterialKind.GGX)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from vemlight.renderer.browser.surfels import fine_enough, surfels
+from vemlight.renderer.rays.reflecting import reflecting_meshes
 from vemlight.renderer.scene.scene import BUNDLED_SCENE, load_scene
 from vemlight.runtime.flat_scene import MAX_SURFELS
 
@@ -42,7 +43,7 @@ def made(request, tmp_path):
         path = tmp_path / "room.toml"
         path.write_text(ROOM)
     scene = finely_cut(path)
-    found = surfels(scene)
+    found = surfels(scene, reflecting_meshes(scene))
     assert found
     return scene, found
 
@@ -81,7 +82,7 @@ def test_surfels_lie_on_their_triangles(made):
 def test_what_they_reflect_is_their_materials(tmp_path):
     (tmp_path / "room.toml").write_text(ROOM)
     scene = finely_cut(tmp_path / "room.toml")
-    found = surfels(scene)
+    found = surfels(scene, reflecting_meshes(scene))
     assert found
     for number, albedo in enumerate([(0.5, 0.4, 0.3), (0.9, 0.8, 0.7), (-1, -1, -1)]):
         own = found.rows[found.rows[:, 3] == number, 8:11]
@@ -92,4 +93,5 @@ def test_what_they_reflect_is_their_materials(tmp_path):
 def test_a_scene_of_very_many_meshes_has_none(tmp_path):
     (tmp_path / "room.toml").write_text(ROOM)
     scene = load_scene(tmp_path / "room.toml")
-    assert surfels(scene._replace(meshes=scene.meshes[2:] * (MAX_SURFELS // 2 + 1))) is None
+    many = scene._replace(meshes=scene.meshes[2:] * (MAX_SURFELS // 2 + 1))
+    assert surfels(many, reflecting_meshes(many)) is None

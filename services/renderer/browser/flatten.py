@@ -22,6 +22,7 @@ from vemlight.renderer.passes.near_lights import near_light_plan, near_light_vie
 from vemlight.renderer.passes.shadow_maps import shadow_map_resolution
 from vemlight.renderer.passes.shadow_maps.casters import Caster, Casters, scene_casters
 from vemlight.renderer.passes.shadow_maps.shadow_map_resolution import map_resolutions
+from vemlight.renderer.rays.reflecting import reflecting_meshes
 from vemlight.renderer.scene.alpha_vertices import WHITE
 from vemlight.renderer.scene.materials import Material, ShadowCatcher, alpha_test_of, emits
 from vemlight.renderer.scene.scene import Scene
@@ -116,7 +117,8 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
     rays = _has_rays(scene, drawing)
     fine = fine_enough(short, scene.camera) if rays else short
     scene = scene._replace(meshes=tuple(mesh._replace(geometry=local_order(own)) for mesh, own in zip(scene.meshes, fine, strict=True)))
-    bounce = surfels(scene) if rays else None
+    reflecting = reflecting_meshes(scene)
+    bounce = surfels(scene, reflecting) if rays else None
     block = Block()
     buffers = vertex_buffers(scene)
     rows = buffers.vertices
@@ -132,7 +134,7 @@ def flattened(scene: Scene, drawing: settings.Renderer) -> Flattened:
     arrays["indices"] = block.add(np.concatenate(local).astype("<u4"))
     if scene.glossy:
         arrays["lobe_albedo"] = block.add(lobe_albedo.ggx_albedo())
-    found = reflecting_rows(scene)
+    found = reflecting_rows(scene, reflecting)
     arrays["reflecting"], arrays["reflecting_texels"] = block.add(found.rows), block.add(found.texels)
     for name, own, texture in (("colour_uvs", found.colour_uvs, 12), ("emission_uvs", found.emission_uvs, 16)):
         where = np.repeat(found.rows[:, texture] >= 0, [run.count for run in buffers.vertex_ranges])

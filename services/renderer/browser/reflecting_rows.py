@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vemlight.light.colour import srgb_from_linear
-from vemlight.renderer.rays.reflecting import NONE, ReflectingMeshes, reduced, reflecting_meshes
+from vemlight.renderer.rays.reflecting import NONE, ReflectingMeshes, reduced
 from vemlight.renderer.scene.materials import Material, alpha_test_of
 from vemlight.renderer.scene.scene import Scene
 from vemlight.runtime.flat_scene import REFLECTING_NUMBERS
@@ -26,9 +26,8 @@ class ReflectingRows(NamedTuple):
     emission_uvs: np.ndarray
 
 
-def reflecting_rows(scene: Scene) -> ReflectingRows:
+def reflecting_rows(scene: Scene, meshes: ReflectingMeshes) -> ReflectingRows:
     """The rows of a scene's meshes."""
-    meshes = reflecting_meshes(scene)
     rows = np.zeros((len(scene.meshes), REFLECTING_NUMBERS), np.float32)
     rows[:, 0:3], rows[:, 3], rows[:, 4:7] = meshes.colour, meshes.metallic, meshes.reflectance
     rows[:, 7], rows[:, 8:11] = UNLIT * meshes.unlit + CATCHER * meshes.catcher, meshes.emission

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from vemlight.renderer.rays.reflecting import NONE, ReflectingMeshes, reflecting_meshes
+from vemlight.renderer.rays.reflecting import NONE, ReflectingMeshes
 from vemlight.renderer.scene.camera_table import ViewCamera
 from vemlight.renderer.scene.meshes import MAX_SIZE_M, Geometry, bounds
 from vemlight.renderer.scene.scene import Scene
@@ -52,11 +52,11 @@ def seen_from(camera: ViewCamera) -> float:
     return float(np.linalg.norm(np.subtract(camera.at, camera.position)))
 
 
-def surfels(scene: Scene) -> Surfels | None:
+def surfels(scene: Scene, meshes: ReflectingMeshes) -> Surfels | None:
     """The surfels of a scene; None where there would be too many even in few large clusters."""
     geometries = [mesh.geometry for mesh in scene.meshes]
     size = CLUSTER * seen_from(scene.camera)
-    sides = [1 if mesh.geometry.closed and not _holds_something(scene, number) else 2 for number, mesh in enumerate(scene.meshes)]
+    sides = [1 if mesh.closed and not holding else 2 for mesh, holding in zip(geometries, _holding(scene), strict=True)]
     while True:
         clusters = [_clusters(own, size) for own in geometries]
         if sum(count * (own.max() + 1) for count, own in zip(sides, clusters, strict=True)) <= MAX_SURFELS:
@@ -64,8 +64,7 @@ def surfels(scene: Scene) -> Surfels | None:
         if size > MAX_SIZE_M:
             return None
         size *= GROWTH
-    meshes, first = reflecting_meshes(scene), 0
-    rows, ids, weights, backs = [], [], [], []
+    rows, ids, weights, backs, first = [], [], [], [], 0
     for number, (own, mesh, count) in enumerate(zip(clusters, geometries, sides, strict=True)):
         vertices = _chosen(mesh, own)
         front = np.zeros((len(vertices), 16), np.float32)
@@ -81,13 +80,12 @@ def surfels(scene: Scene) -> Surfels | None:
     return Surfels(np.concatenate(rows), np.concatenate(ids).astype(np.uint16), np.concatenate(weights), tuple(backs))
 
 
-def _holds_something(scene: Scene, number: int) -> bool:
-    """Whether a camera or another mesh lies within a mesh's box: it may be a room."""
-    low, high = bounds([scene.meshes[number].geometry])
+def _holding(scene: Scene) -> list[bool]:
+    """Whether a camera or another mesh lies within each mesh's box: it may be a room."""
     eyes = [scene.camera.position, *(view.eye for _, view in scene.views)]
-    others = (bounds([mesh.geometry]) for other, mesh in enumerate(scene.meshes) if other != number)
-    within = [(eye, eye) for eye in eyes]
-    return any(np.all(own_low > low) and np.all(own_high < high) for own_low, own_high in (*within, *others))
+    boxes = np.array([bounds([mesh.geometry]) for mesh in scene.meshes] + [(eye, eye) for eye in eyes])
+    low, high = boxes[:, 0], boxes[:, 1]  # a box does not lie within itself
+    return [bool(((low > own_low) & (high < own_high)).all(axis=1).any()) for own_low, own_high in boxes[: len(scene.meshes)]]
 
 
 def _clusters(mesh: Geometry, size: float) -> np.ndarray:

@@ -229,10 +229,8 @@ class Sampler(SettingsSection, frozen=True):
     stop_hz: Annotated[Frequency, means("fir: start of the stop band"), HZ] = 6.0
     soft: Annotated[
         bool | None,
-        means(
-            "lights carry the extent of their light: by rays shadows have its penumbrae, by maps four points stand for each; left out: "
-            "true for tracked lights"
-        ),
+        means("lights carry the extent of their light: by rays shadows have its penumbrae, by maps four points stand for each; left out: "
+              "true for tracked lights"),
     ] = None
     deflicker: Annotated[bool, means("remove mains flicker of lamps where its beat is found beyond doubt")] = True
     clusters: Annotated[Count0, means("maximum number of lights after merging neighbours; 0: no merging")] = 0

@@ -92,7 +92,7 @@ def _fault(text: str, data: dict[str, Any], kind: type, message: str) -> str:
 
 
 def _wanted(what: str) -> str:
-    """ "a whole number >= 1" of "Expected `int` >= 1", and "a number, not text in quotes" of "Expected `float`, got `str`"."""
+    """"a whole number >= 1" of "Expected `int` >= 1", and "a number, not text in quotes" of "Expected `float`, got `str`"."""
     wanted, _, found = what.removeprefix("Expected ").replace("matching regex", "that matches").partition(", got ")
     named = re.compile(r"`(\w+)(?: \| null)?`")
     wanted = named.sub(lambda name: TYPES.get(name[1], name[1]), wanted)
@@ -124,7 +124,7 @@ def _right_key(kind: Any, data: Any, keys: Keys) -> str:
 
 
 def _line(text: str, keys: Keys) -> str:
-    """ "line 3: ", or nothing where the line is not known."""
+    """"line 3: ", or nothing where the line is not known."""
     line = line_of(text, keys)
     return f"line {line}: " if line else ""
 
@@ -137,13 +137,13 @@ def _named(keys: Keys) -> Keys:
 
 
 def _name(keys: Keys) -> str:
-    """ "[sampler] count"."""
+    """"[sampler] count"."""
     keys = _named(keys)
     return f"{_section(keys[:-1])}{keys[-1]}"
 
 
 def _section(keys: Keys) -> str:
-    """ "[sampler] " of the keys that lead to it; a list's tables are counted from 1, as a reader does."""
+    """"[sampler] " of the keys that lead to it; a list's tables are counted from 1, as a reader does."""
     parts = [f" {key + 1}" if isinstance(key, int) else f"{'.' if number else ''}{key}" for number, key in enumerate(keys)]
     return f"[{''.join(parts)}] " if parts else ""
 

@@ -231,6 +231,14 @@ def test_a_tilt_table_that_is_not_applied_is_said(tmp_path, capsys):
     assert "tilt, which is not applied" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("last", "is_said"), [(10.05, False), (11.0, True)])
+def test_planes_of_0_and_360_degrees_that_differ_are_said(tmp_path, capsys, last, is_said):
+    text = f"IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 2 3 1 2 0 0 0\n1 1 0\n0 90\n0 180 360\n10 10\n10 10\n{last} {last}\n"
+    (tmp_path / "lamp.ies").write_text(text)
+    assert read_photometry(tmp_path / "lamp.ies").candela[-1].tolist() == [10, 10]
+    assert ("at 0 and 360 degrees" in capsys.readouterr().err) == is_said
+
+
 def changed_line(text, changes):
     lines = text.split("\r\n")
     for number, value in changes.items():

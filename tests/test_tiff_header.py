@@ -8,7 +8,7 @@ import pytest
 from vemlight.errors import UserError
 from vemlight.light.images import read_codes, read_picture
 
-BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANAR, SAMPLE_FORMAT = 258, 259, 262, 274, 284, 339
+BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANAR, EXTRA, SAMPLE_FORMAT = 258, 259, 262, 274, 284, 338, 339
 
 
 def tiff(pixels, order="<", big=False, more=False, **changed):
@@ -75,6 +75,15 @@ def test_the_first_of_several_pictures_is_taken_with_a_line(tmp_path, capsys):
     (tmp_path / "a.tif").write_bytes(tiff(pixels_of(np.uint16, False), more=True))
     read_codes(tmp_path / "a.tif")
     assert "more than one picture" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize(("kind", "is_said"), [(0, False), (1, True), (2, False)])
+def test_colours_beside_alpha_are_those_of_the_file_and_said_where_it_has_darkened_them(tmp_path, capsys, kind, is_said, dtype):
+    pixels = np.dstack([pixels_of(dtype, False), np.full((6, 8), np.iinfo(dtype).max // 2, dtype)])
+    (tmp_path / "a.tif").write_bytes(tiff(pixels, PHOTOMETRIC=2, EXTRA=kind))
+    assert np.array_equal(read_codes(tmp_path / "a.tif")[..., :3], pixels[..., :3])
+    assert ("multiplied by its alpha" in capsys.readouterr().err) == is_said
 
 
 @pytest.mark.parametrize(("changed", "said"), [

@@ -58,6 +58,11 @@ def test_up_axis_unit_and_transforms_of_parents_are_applied(tmp_path):
     np.testing.assert_allclose(scene.meshes[0].geometry.positions.mean(axis=0), [0, 0, 3], atol=1e-6)
 
 
+def test_an_axis_that_cannot_be_up_is_refused(tmp_path):
+    with pytest.raises(UserError, match="upAxis = X, and Y and Z are read"):
+        read(tmp_path, usda(mesh("square"), 'metersPerUnit = 1\n    upAxis = "X"'))
+
+
 def test_left_handed_faces_holes_and_concave_ones(tmp_path):
     left = 'uniform token orientation = "leftHanded"'
     np.testing.assert_allclose(read(tmp_path, usda(mesh("left", left))).parts[0].geometry.normals[0], [0, 0, -1])

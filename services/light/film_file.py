@@ -70,7 +70,8 @@ class FilmFile:
         seconds = self.time_s(len(self) - 1)
         fps = (len(self) - 1) / seconds if seconds > 0 else 0.0
         if not 0 < fps <= MAX_FPS:
-            raise UserError(f"{self.path}: has no frame rate between 0 and {MAX_FPS:g}; convert it to .mp4")
+            fault = f"plays {fps:g} frames a second, and up to {MAX_FPS:g} are read" if fps else "has no frame rate"
+            raise UserError(f"{self.path}: {fault}; encode it at another rate")
         return fps
 
     def time_s(self, k: int) -> float:

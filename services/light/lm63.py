@@ -6,6 +6,7 @@ import numpy as np
 
 from vemlight.light.far_field import MAX_ANGLES, FarField, check_rising, number_from_text
 
+SAME_PLANE = 0.01  # of the largest intensity: between two measurements of one plane. 0.002 to 0.05 would do
 FIXED_NUMBERS = 13  # from the lamps to the watts
 METRES_BY_UNIT = {1: 0.3048, 2: 1.0}
 TILT_LINE = re.compile(r"^[ \t]*TILT[ \t]*=[ \t]*(.*?)[ \t]*$", re.MULTILINE | re.IGNORECASE)
@@ -45,7 +46,10 @@ def read_lm63(text: str) -> tuple[FarField, list[str]]:
     gamma, c, table = np.split(numbers[FIXED_NUMBERS:], [n, n + m])
     check_rising(gamma, "vertical", 180)
     check_rising(c, "horizontal", 360)
-    c, table = _full_circle(c, table.reshape(m, n) * factor)
+    table = table.reshape(m, n) * factor
+    if c[0] == 0 and c[-1] == 360 and np.abs(table[0] - table[-1]).max() > SAME_PLANE * table.max():
+        notes.append("its planes at 0 and 360 degrees, which are one, differ: that at 0 is drawn")
+    c, table = _full_circle(c, table)
     size = [side * METRES_BY_UNIT[int(units)] for side in _sides(length, width, height)]
     name = next((line.strip()[8:].strip() for line in head.split("\n") if line.strip().upper().startswith("[LUMCAT]")), "")
     flux = lamps * lumens if lumens > 0 else np.nan  # -1: absolute photometry

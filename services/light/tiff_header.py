@@ -1,7 +1,8 @@
 """What a TIFF says of how its samples are stored, where decoders go by it silently or not at all.
 
-OpenCV turns pixels by Orientation 2 to 8 also where it is told not to, mixes up colours that lie in planes of their own, and takes 0 for
-black where it is white. Format: TIFF 6.0 (1992), and BigTIFF, which has wider numbers.
+OpenCV turns pixels by Orientation 2 to 8 also where it is told not to, mixes up colours that lie in planes of their own, takes 0 for
+black where it is white, and multiplies colours by an alpha that they are not multiplied by.
+Format: TIFF 6.0 (1992), and BigTIFF, which has wider numbers.
 """
 
 import struct
@@ -12,8 +13,10 @@ from vemlight.errors import UserError
 from vemlight.files import notice
 
 SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANAR, SAMPLE_FORMAT = 258, 259, 262, 274, 284, 339
+BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANAR, EXTRA, SAMPLE_FORMAT = 258, 259, 262, 274, 284, 338, 339
+PREMULTIPLIED = 1  # of EXTRA: colours are times the alpha behind them
 UPRIGHT = 1
+DEFAULTS = ((BITS, 1), (SAMPLE_FORMAT, 1), (PHOTOMETRIC, 2), (ORIENTATION, UPRIGHT), (PLANAR, 1), (COMPRESSION, 1), (EXTRA, 0))
 FORMATS_OF_TYPE = {1: "B", 3: "H", 4: "I", 16: "Q"}  # of whole numbers
 MAX_VALUES = 16  # of a tag that is read here: one for each channel
 WHITE_IS_ZERO, BLACK_IS_ZERO = 0, 1
@@ -25,7 +28,8 @@ NUMBERS = {2: "signed whole numbers", 3: "floating-point numbers", 5: "complex n
 
 
 class StoredTiff(NamedTuple):
-    """data: the file, made to say that it is upright and that black is 0. orientation: what it said. is_inverted: white was 0."""
+    """data: the file, made to say that it is upright, that black is 0 and that alpha changes nothing. orientation: what it
+    said. is_inverted: white was 0."""
 
     data: bytes
     orientation: int
@@ -36,9 +40,8 @@ def stored_tiff(path: Path, data: bytes) -> StoredTiff:
     """The first picture of a TIFF. Raises UserError, by its cause, for samples that are not read; a notice tells of more pictures."""
     try:
         tags, more = _tags(data)
-        bits, (number, *_), (colours, *_), (order, *_), (planar, *_), (packed, *_) = (
-            tags.get(tag, ((default,), 0, ""))[0]
-            for tag, default in ((BITS, 1), (SAMPLE_FORMAT, 1), (PHOTOMETRIC, 2), (ORIENTATION, UPRIGHT), (PLANAR, 1), (COMPRESSION, 1))
+        bits, (number, *_), (colours, *_), (order, *_), (planar, *_), (packed, *_), extra = (
+            tags.get(tag, ((default,), 0, ""))[0] for tag, default in DEFAULTS
         )
     except (struct.error, KeyError, ValueError, OverflowError) as error:  # OverflowError: offsets of 64 bits
         raise UserError(f"{path}: its TIFF header is cut off or damaged; copy it again") from error
@@ -50,9 +53,11 @@ def stored_tiff(path: Path, data: bytes) -> StoredTiff:
         raise UserError(f"{path}: {fault}; export it as RGB or gray of 8 or 16 bits, with LZW or without compression")
     if more:
         notice(f"{path}: holds more than one picture; the first is taken")
+    if PREMULTIPLIED in extra:
+        notice(f"{path}: its colours are multiplied by its alpha, and are taken as they stand; export it without alpha")
     plain = bytearray(data)
-    for tag, value in ((ORIENTATION, UPRIGHT), (PHOTOMETRIC, BLACK_IS_ZERO)):
-        if tag in tags and (tag == ORIENTATION or colours == WHITE_IS_ZERO):
+    for tag, value in ((ORIENTATION, UPRIGHT), (PHOTOMETRIC, BLACK_IS_ZERO), (EXTRA, PREMULTIPLIED)):
+        if tag in tags and (tag != PHOTOMETRIC or colours == WHITE_IS_ZERO):
             _, at, form = tags[tag]
             struct.pack_into(form, plain, at, value)
     return StoredTiff(bytes(plain), order, colours == WHITE_IS_ZERO)
@@ -84,7 +89,7 @@ def _tags(data: bytes) -> tuple[dict[int, tuple[tuple[int, ...], int, str]], boo
         tag, kind, length = struct.unpack_from(byte_order + entry_form, data, at)
         value_at = at + struct.calcsize("<" + entry_form)
         at = value_at + inline
-        if tag not in (BITS, COMPRESSION, PHOTOMETRIC, ORIENTATION, PLANAR, SAMPLE_FORMAT):
+        if tag not in dict(DEFAULTS):
             continue
         form, length = byte_order + FORMATS_OF_TYPE[kind], min(length, MAX_VALUES)
         if not length:

@@ -49,7 +49,9 @@ class Scene:
         metres = UsdGeom.GetStageMetersPerUnit(self._stage)
         if not 1e-9 < metres < 1e9:
             raise UserError(f"has metersPerUnit = {metres:g}; correct it")
-        turned = Y_UP_FROM_Z_UP if UsdGeom.GetStageUpAxis(self._stage) == UsdGeom.Tokens.z else np.eye(4)
+        if (up := UsdGeom.GetStageUpAxis(self._stage)) not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
+            raise UserError(f"has upAxis = {str(up)[:20]}, and Y and Z are read; correct it")
+        turned = Y_UP_FROM_Z_UP if up == UsdGeom.Tokens.z else np.eye(4)
         self._root = turned * [metres, metres, metres, 1.0]
 
     def note(self, line: str) -> None:
